@@ -1,0 +1,48 @@
+// Artifacts on disk: named by content key, published atomically, verified on read.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/hash.h"
+
+namespace rilievo::engine {
+
+struct ArtifactKey {
+  std::string stage;      ///< folder name, [a-z-]+
+  Sha256Digest digest;
+  friend auto operator<=>(const ArtifactKey&, const ArtifactKey&) = default;
+};
+
+/// Layout: root/<stage>/<first two hex digits>/<64 hex digits>.art ; damaged files move to root/quarantine/. The file
+/// format is docs/formats/artifact.md. All functions may be called from several threads and programs at once.
+class ArtifactStore {
+ public:
+  /// Creates the folders; throws Error(kIo) with a hint when it cannot (read-only disk, missing permission).
+  explicit ArtifactStore(std::filesystem::path root);
+
+  /// The payload, or none when absent or damaged (a damaged file is quarantined first).
+  std::optional<std::vector<std::byte>> Read(const ArtifactKey& key) const;
+  /// True when the artifact is there and its header and checksum hold; memory O(1 MiB).
+  bool Verify(const ArtifactKey& key) const;
+  /// True when a file of that name and the header's length is there: cheap, for `info` and `plan`.
+  bool Exists(const ArtifactKey& key) const;
+  /// Temporary file, fsync, rename, fsync folder. Throws Error(kDiskFull / kIo). Publishing an existing key is harmless.
+  void Publish(const ArtifactKey& key, std::span<const std::byte> payload) const;
+
+  std::filesystem::path PathOf(const ArtifactKey& key) const;
+  const std::filesystem::path& root() const { return root_; }
+
+ private:
+  std::filesystem::path root_;
+};
+
+/// The same durable write for a plain file (results, exports, JSON): temporary name beside it, fsync, rename, fsync folder.
+void WriteFileDurably(const std::filesystem::path& path, std::span<const std::byte> content);
+
+}  // namespace rilievo::engine

@@ -1,0 +1,52 @@
+// A plan: tasks with their needs and costs, as data. Executors run it.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "base/ids.h"
+#include "base/run_context.h"
+#include "base/task_cost.h"
+
+namespace rilievo::engine {
+
+class Plan;
+
+/// What a running task sees: the RunContext of stages, byte counters for the trace, and growth of the plan.
+class TaskContext : public RunContext {
+ public:
+  /// Bytes read from and written to disk by this task; they appear in its trace span.
+  virtual void CountBytes(std::uint64_t read_bytes, std::uint64_t written_bytes) = 0;
+  /// Says that the result was already there and nothing was computed; shown by progress, trace and report.
+  virtual void MarkReused() = 0;
+  /// Adds tasks once this one has finished: `grow` is called by the executor with the plan, must be a pure function of
+  /// this task's result, and may name any existing task or tasks it adds itself as needs.
+  virtual void Grow(std::function<void(Plan&)> grow) = 0;
+};
+
+struct Task {
+  std::string name;                ///< unique in the plan
+  std::string stage;               ///< progress and trace group by it
+  std::vector<TaskId> needs;       ///< must exist already: a plan has no cycles by construction
+  TaskCost cost;
+  std::uint64_t retained_bytes = 0;  ///< memory its result keeps until the tasks that need it are done
+  std::string memory_hint;         ///< what to change when cost.peak_bytes can never fit, e.g. "raise --memory to 3.1 GiB"
+  std::function<void(TaskContext&)> run;
+};
+
+/// Append-only list of tasks; a task's id is its index. Lower ids are admitted first.
+class Plan {
+ public:
+  TaskId Add(Task task);
+  std::size_t size() const { return tasks_.size(); }
+  const Task& task(TaskId id) const { return tasks_.at(id.value); }
+  const std::vector<Task>& tasks() const { return tasks_; }
+  std::vector<TaskId> FindByStage(const std::string& stage) const;
+
+ private:
+  std::vector<Task> tasks_;
+};
+
+}  // namespace rilievo::engine

@@ -1,0 +1,46 @@
+// Incremental mapping: from verified pairs and tracks to oriented models with object points.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "base/option.h"
+#include "base/run_context.h"
+#include "base/task_cost.h"
+#include "block/block.h"
+#include "block/features.h"
+#include "block/model.h"
+#include "block/pair.h"
+#include "block/track.h"
+
+namespace rilievo::mapping {
+
+struct Options {
+  double max_residual_px = 4.0;          ///< resection and triangulation threshold, at full resolution
+  double min_angle_deg = 1.5;            ///< least intersection angle of an object point
+  int min_resection_inliers = 12;
+  int min_model_images = 2;
+};
+
+std::span<const OptionDeclaration<Options>> OptionDeclarations();
+inline constexpr int kVersion = 1;
+
+TaskCost Estimate(std::size_t images, std::size_t features_in_all, std::size_t matches_in_all);
+
+struct Input {
+  const Block& block;
+  std::span<const std::vector<Keypoint>> keypoints;  ///< by image id
+  std::span<const std::vector<Rgb>> colors;          ///< by image id
+  std::span<const TwoViewGeometry> pairs;            ///< verified and rejected, sorted by pair
+  std::span<const Track> tracks;
+};
+
+struct Output {
+  std::vector<Model> models;                ///< largest first; disconnected scenes give several
+  std::vector<UnorientedImage> unoriented;  ///< images in no model, with the reason
+};
+
+/// Deterministic: seeds come from context.Seed() and image ids. Throws Cancelled on a stop request.
+Output Run(const Input& input, const Options& options, RunContext& context);
+
+}  // namespace rilievo::mapping

@@ -1,0 +1,32 @@
+// Exact matching of the descriptors of two images: two nearest neighbours, ratio test, mutual check.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "base/option.h"
+#include "base/run_context.h"
+#include "base/task_cost.h"
+#include "block/features.h"
+#include "block/pair.h"
+
+namespace rilievo::matching {
+
+struct Options {
+  double ratio = 0.8;
+  bool mutual = true;
+};
+
+std::span<const OptionDeclaration<Options>> OptionDeclarations();
+inline constexpr int kVersion = 1;
+
+TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options& options);
+
+/// Matches a[i] ~ b[j] with d1 < ratio * d2 (Euclidean, exact integer arithmetic: d1^2 * 10^8 < round(ratio * 10^4)^2 * d2^2
+/// or an equivalent exact comparison), both ways when `mutual`; one-to-one, sorted by first. Ties go to the lower index.
+/// All kernels (scalar, AVX2, AVX-512 VNNI; RILIEVO_KERNELS forces one) give the same matches.
+std::vector<Match> Run(std::span<const SiftDescriptor> a, std::span<const SiftDescriptor> b, const Options& options,
+                       RunContext& context);
+
+}  // namespace rilievo::matching

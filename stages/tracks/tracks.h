@@ -1,0 +1,23 @@
+// Tie points: verified matches of all pairs concatenated into tracks.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "base/run_context.h"
+#include "base/task_cost.h"
+#include "block/pair.h"
+#include "block/track.h"
+
+namespace rilievo::tracks {
+
+inline constexpr int kVersion = 1;
+
+TaskCost Estimate(std::size_t matches_in_all);
+
+/// Union-find over (image, feature). Edges are taken in descending support (inliers of the pair, then pair and match order);
+/// a merge that would put two features of one image into one track is refused (SPEC 2.2). Only tracks of >= 2 images are
+/// returned, sorted by first element: the result does not depend on the order of `pairs`.
+std::vector<Track> Run(std::span<const TwoViewGeometry> pairs, RunContext& context);
+
+}  // namespace rilievo::tracks
