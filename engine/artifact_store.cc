@@ -99,7 +99,8 @@ class ArtifactFile {
 void Quarantine(const fs::path& root, const ArtifactKey& key, const fs::path& path) {
   const std::string name = key.stage + "-" + key.digest.Hex();
   for (int i = 0; i < 1000; ++i) {
-    const fs::path target = root / kQuarantine / (name + (i == 0 ? "" : "." + std::to_string(i)) + kSuffix);
+    const fs::path target =
+        root / kQuarantine / (name + (i == 0 ? std::string() : std::string(".").append(std::to_string(i))) + kSuffix);
     if (::link(path.c_str(), target.c_str()) == 0) break;
     if (errno != EEXIST) {
       ::rename(path.c_str(), target.c_str());  // a file system without hard links

@@ -53,7 +53,7 @@ struct ExecutionOptions {
   std::uint64_t memory_bytes = 0;  ///< budget; 0 = unlimited
   std::uint64_t seed = 0;
   const StopSource* stop = nullptr;
-  std::vector<Observer*> observers;
+  std::vector<Observer*> observers = {};
 };
 
 struct ExecutionReport {
