@@ -14,7 +14,7 @@
 namespace rilievo::engine {
 
 struct ArtifactKey {
-  std::string stage;      ///< folder name, [a-z-]+
+  std::string stage;  ///< folder name, [a-z-]+
   Sha256Digest digest;
   friend auto operator<=>(const ArtifactKey&, const ArtifactKey&) = default;
 };
@@ -26,14 +26,22 @@ class ArtifactStore {
   /// Creates the folders; throws Error(kIo) with a hint when it cannot (read-only disk, missing permission).
   explicit ArtifactStore(std::filesystem::path root);
 
-  /// The payload, or none when absent or damaged (a damaged file is quarantined first).
+  /// The payload, or none when absent or damaged (a damaged file is quarantined first). Throws Error(kVersion) for an
+  /// intact file of another format version and Error(kIo) when the disk cannot be read.
   std::optional<std::vector<std::byte>> Read(const ArtifactKey& key) const;
   /// True when the artifact is there and its header and checksum hold; memory O(1 MiB).
   bool Verify(const ArtifactKey& key) const;
   /// True when a file of that name and the header's length is there: cheap, for `info` and `plan`.
   bool Exists(const ArtifactKey& key) const;
-  /// Temporary file, fsync, rename, fsync folder. Throws Error(kDiskFull / kIo). Publishing an existing key is harmless.
+  /// Temporary file, fsync, rename, fsync folder. Throws Error(kDiskFull / kIo). Publishing an existing key is
+  /// harmless.
   void Publish(const ArtifactKey& key, std::span<const std::byte> payload) const;
+
+  /// Keys of a stage that have a file, ascending; the files are not opened.
+  std::vector<ArtifactKey> List(const std::string& stage) const;
+  /// Removes temporary files that a killed program left behind: those of a process of this machine that no longer
+  /// lives, and any older than a day. For program start; they harm nothing but take space. Returns how many.
+  std::size_t RemoveStaleTemporaries() const;
 
   std::filesystem::path PathOf(const ArtifactKey& key) const;
   const std::filesystem::path& root() const { return root_; }
@@ -42,7 +50,8 @@ class ArtifactStore {
   std::filesystem::path root_;
 };
 
-/// The same durable write for a plain file (results, exports, JSON): temporary name beside it, fsync, rename, fsync folder.
+/// The same durable write for a plain file (results, exports, JSON): temporary name beside it, fsync, rename, fsync
+/// folder.
 void WriteFileDurably(const std::filesystem::path& path, std::span<const std::byte> content);
 
 }  // namespace rilievo::engine

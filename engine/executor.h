@@ -63,9 +63,9 @@ struct ExecutionReport {
   std::size_t failed = 0, skipped = 0, done = 0, reused = 0;
 };
 
-/// Runs every task whose needs succeeded. A failed task (it threw) skips its descendants only. A task whose peak_bytes can
-/// never fit the budget throws Error(kOutOfMemoryBudget) from Run before anything starts when it is in the plan from the
-/// beginning, and fails with that error when it was added later.
+/// Runs every task whose needs succeeded. A failed task (it threw) skips its descendants only. A task whose peak_bytes
+/// can never fit the budget throws Error(kOutOfMemoryBudget) from Run before anything starts when it is in the plan
+/// from the beginning, and fails with that error when it was added later.
 class Executor {
  public:
   virtual ~Executor() = default;

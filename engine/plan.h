@@ -2,8 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <string>
+#include <unordered_set>
 #include <vector>
 
 #include "base/ids.h"
@@ -27,26 +29,30 @@ class TaskContext : public RunContext {
 };
 
 struct Task {
-  std::string name;                ///< unique in the plan
-  std::string stage;               ///< progress and trace group by it
-  std::vector<TaskId> needs;       ///< must exist already: a plan has no cycles by construction
+  std::string name;           ///< unique in the plan
+  std::string stage;          ///< progress and trace group by it
+  std::vector<TaskId> needs;  ///< must exist already: a plan has no cycles by construction
   TaskCost cost;
   std::uint64_t retained_bytes = 0;  ///< memory its result keeps until the tasks that need it are done
-  std::string memory_hint;         ///< what to change when cost.peak_bytes can never fit, e.g. "raise --memory to 3.1 GiB"
+  std::string memory_hint;  ///< what to change when cost.peak_bytes can never fit, e.g. "raise --memory to 3.1 GiB"
   std::function<void(TaskContext&)> run;
 };
 
 /// Append-only list of tasks; a task's id is its index. Lower ids are admitted first.
 class Plan {
  public:
+  /// A name given twice, a need that does not exist yet or an empty `run` is a caller's bug (check). Amortised
+  /// O(needs).
   TaskId Add(Task task);
   std::size_t size() const { return tasks_.size(); }
   const Task& task(TaskId id) const { return tasks_.at(id.value); }
-  const std::vector<Task>& tasks() const { return tasks_; }
+  const std::deque<Task>& tasks() const { return tasks_; }
+  /// Ids in ascending order; linear in the size of the plan.
   std::vector<TaskId> FindByStage(const std::string& stage) const;
 
  private:
-  std::vector<Task> tasks_;
+  std::deque<Task> tasks_;  ///< a deque, so that running tasks stay where they are while the plan grows
+  std::unordered_set<std::string> names_;
 };
 
 }  // namespace rilievo::engine
