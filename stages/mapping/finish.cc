@@ -11,6 +11,9 @@
 namespace rilievo::mapping {
 namespace {
 
+/// Length of a two-dimensional residual, in sigma of one coordinate, that one in a thousand exceeds: sqrt(13.8) (SPEC 5.4).
+constexpr double kRejection = 3.717;
+
 /// Robust sigma of an image coordinate, px: residuals are two-dimensional normal, whose length has the median
 /// sigma sqrt(2 ln 2); corrected for redundancy as sigma0 is.
 double RobustSigma(const Reconstruction& model) {
@@ -76,7 +79,7 @@ std::optional<Model> Finish(const GrowthInput& input, const Input& data, Reconst
     const double sigma_px = RobustSigma(model);
     options.loss_scale_px = std::max(0.25 * floor_px, 1.5 * sigma_px);
     Adjust(input.block, model, model.Tracks(), options, context);
-    tolerance.max_residual_px = std::clamp(3 * RobustSigma(model), floor_px, input.options.max_residual_px);
+    tolerance.max_residual_px = std::clamp(kRejection * RobustSigma(model), floor_px, input.options.max_residual_px);
     const int dropped = Reject(input, model, tolerance);
     if (round >= 2 && dropped == 0) break;
   }
