@@ -57,7 +57,7 @@ void ImageSampler::Shade(const RayPacket& packet, std::size_t at, float footprin
     const float facing = std::max(std::abs(normal.dot(direction)), 1e-3F);
     strip.footprint_m[lane] = footprint_scale * pixel_size_ * t * direction.squaredNorm() / facing;
     const float half = 0.5F + 0.5F * normal.dot(light_);
-    strip.shade[lane] = 0.22F + 0.78F * half * half;
+    strip.shade[lane] = 0.10F + 1.15F * half * half;
     strip.depth_m[lane] = t;
   }
 }
@@ -65,7 +65,7 @@ void ImageSampler::Shade(const RayPacket& packet, std::size_t at, float footprin
 float ImageSampler::Radiance(float shade, float texture) const {
   if (shade == 0) return kBackground * exposure_;
   const float s = 0.22F * texture;
-  const float albedo = 0.5F + 0.46F * s / std::sqrt(1 + s * s);
+  const float albedo = 0.56F + 0.42F * s / std::sqrt(1 + s * s);
   return exposure_ * shade * albedo;
 }
 

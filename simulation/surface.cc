@@ -102,7 +102,7 @@ std::vector<Eigen::Vector3f> SmoothNormals(const std::vector<Eigen::Vector3f>& v
 std::vector<float> Displacements(const Scene& scene, const std::vector<Eigen::Vector3d>& base, double step_m) {
   const double size_m = scene.options.object_size_m, first_cell_m = size_m / (IsClosed(scene) ? 3.5 : 2.5);
   const int count = std::clamp(1 + static_cast<int>(std::floor(std::log(first_cell_m / (4 * step_m)) / std::log(2.03))), 1, 9);
-  const auto octaves = MakeOctaves({first_cell_m, 2.03, (IsClosed(scene) ? 0.010 : 0.018) * size_m, 0.47, count},
+  const auto octaves = MakeOctaves({first_cell_m, 2.03, (IsClosed(scene) ? 0.012 : 0.024) * size_m, 0.47, count},
                                    SeedFor(static_cast<std::uint64_t>(scene.options.seed), kReliefKey));
   std::array<std::vector<float>, 4> at;
   for (auto& axis : at) axis.reserve(base.size());
@@ -145,7 +145,7 @@ Surface MakeSurface(const Scene& scene) {
 }
 
 std::vector<NoiseOctave> TextureOctaves(const Scene& scene) {
-  return MakeOctaves({scene.options.object_size_m / 3, 1.93, 1.0, 1.0, 20},
+  return MakeOctaves({scene.options.object_size_m / 3, 1.93, 1.0, 0.92, 20},
                      SeedFor(static_cast<std::uint64_t>(scene.options.seed), kTextureKey));
 }
 
