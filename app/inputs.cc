@@ -8,6 +8,7 @@
 #include "block/io/calibration.h"
 #include "block/io/image_folder.h"
 #include "block/io/image_header.h"
+#include "simulation/renderer.h"
 #include "simulation/scene.h"
 #include "simulation/scene_source.h"
 #include "stages/images/decode.h"
@@ -37,7 +38,7 @@ std::vector<Image> InspectImages(const fs::path& folder, const std::vector<std::
                 }
               }});
   }
-  runner.Run(plan);
+  runner.RunQuietly(plan);
   std::vector<Image> images;
   for (std::size_t i = 0; i < names.size(); ++i) {
     if (!found[i]) {
@@ -58,7 +59,7 @@ std::vector<io::CalibrationEntry> ReadCalibrations(const InputFlags& flags) {
   return entries;
 }
 
-Inputs LoadScene(const InputFlags& flags) {
+Inputs LoadScene(const InputFlags& flags, PlanRunner& runner) {
   Inputs inputs;
   inputs.images = fs::absolute(flags.images).lexically_normal();
   inputs.from_scene = true;
@@ -70,7 +71,8 @@ Inputs LoadScene(const InputFlags& flags) {
     inputs.block = std::move(assigned.block);
     inputs.warnings = std::move(assigned.warnings);
   }
-  inputs.pixels = std::make_unique<simulation::ScenePixelSource>(scene);
+  runner.HoldResident(simulation::EstimateRenderBytes(scene).shared, "the scene's surface");
+  inputs.pixels = std::make_unique<simulation::ScenePixelSource>(std::make_shared<const simulation::Renderer>(scene));
   return inputs;
 }
 
@@ -102,7 +104,7 @@ void AddStageOptions(CLI::App& command, scheduling::OrientOptions& options) {
 }
 
 Inputs LoadInputs(const InputFlags& flags, PlanRunner& runner) {
-  if (fs::is_regular_file(flags.images) && simulation::IsSceneFile(flags.images)) return LoadScene(flags);
+  if (fs::is_regular_file(flags.images) && simulation::IsSceneFile(flags.images)) return LoadScene(flags, runner);
   Inputs inputs;
   inputs.images = fs::absolute(flags.images).lexically_normal();
   const std::vector<io::CalibrationEntry> calibration = ReadCalibrations(flags);

@@ -64,9 +64,9 @@ void PrintResult(const reporting::Report& report, const OrientationResult& resul
 
 int RunOrient(const OrientFlags& flags, const engine::StopSource& stop) {
   scheduling::Validate(flags.options);
-  const Limits limits = ResolveLimits(flags.run);
-  PlanRunner runner(flags.run, limits, stop);
+  PlanRunner runner(flags.run, ResolveLimits(flags.run), stop);
   Inputs inputs = LoadInputs(flags.inputs, runner);
+  const Limits& limits = runner.limits();
   if (inputs.block.images.size() < 2)
     throw Error(ErrorCode::kInvalidInput, inputs.images.string(), "has one usable image, an orientation needs at least two",
                 inputs.block.quarantined.empty() ? "add overlapping photographs"
@@ -102,14 +102,14 @@ int RunOrient(const OrientFlags& flags, const engine::StopSource& stop) {
 /// What a run would do, as text for people.
 int RunPlan(const OrientFlags& flags, const engine::StopSource& stop) {
   scheduling::Validate(flags.options);
-  const Limits limits = ResolveLimits(flags.run);
-  PlanRunner runner(flags.run, limits, stop);
+  PlanRunner runner(flags.run, ResolveLimits(flags.run), stop);
   Inputs inputs = LoadInputs(flags.inputs, runner);
+  const Limits& limits = runner.limits();
   for (const auto& warning : inputs.warnings) fmt::print(stderr, "rilievo: WARNING: {}\n", warning);
   scheduling::OrientOptions options = flags.options;
   options.network = flags.inputs.network == "sequence" ? scheduling::Network::kSequence : scheduling::Network::kSparse;
-  const engine::ArtifactStore store = flags.workspace.empty() ? engine::ArtifactStore::ReadOnly({}) : engine::ArtifactStore::ReadOnly(std::filesystem::path(flags.workspace) / "artifacts");
-  const scheduling::OrientRun run(inputs.block, *inputs.pixels, store, options);
+  const auto workspace = scheduling::Workspace::ForPlanning(flags.workspace);
+  const scheduling::OrientRun run(inputs.block, *inputs.pixels, workspace.store(), options);
   const auto s = scheduling::Summarize(run, limits.budget_bytes, limits.threads);
   double megapixels = 0;
   for (const Image& image : inputs.block.images) megapixels += 1e-6 * image.width_px * image.height_px;

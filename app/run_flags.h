@@ -37,20 +37,26 @@ inline constexpr std::uint64_t kProcessReserveBytes = 160 * kMebibyte;
 /// Throws Error when the memory is too small for the program itself.
 Limits ResolveLimits(const RunFlags& flags);
 
-/// Runs plans one after the other under the same limits, with progress and one trace over all of them.
+/// Runs plans one after the other under the same limits.
 class PlanRunner {
  public:
-  PlanRunner(const RunFlags& flags, const Limits& limits, const engine::StopSource& stop);
-  ~PlanRunner();
-  /// Throws Cancelled when the user stopped it, Error(kOutOfMemoryBudget) when a task can never fit.
-  engine::ExecutionReport Run(engine::Plan& plan);
+  PlanRunner(RunFlags flags, const Limits& limits, const engine::StopSource& stop);
+  /// Memory that stays held beside the tasks from now on (a scene's surface): taken from the budget. Throws Error when
+  /// nothing is left.
+  void HoldResident(std::uint64_t bytes, const std::string& what);
+  /// Without progress and trace: short preparations. Throws Cancelled, Error(kOutOfMemoryBudget).
+  engine::ExecutionReport RunQuietly(engine::Plan& plan) const;
+  /// With progress, and the trace written at the end, also of a cancelled run. Throws Cancelled when the user stopped it,
+  /// Error(kOutOfMemoryBudget) when a task can never fit.
+  engine::ExecutionReport Run(engine::Plan& plan) const;
+  const Limits& limits() const { return limits_; }
 
  private:
+  engine::ExecutionReport Execute(engine::Plan& plan, std::vector<engine::Observer*> observers) const;
   RunFlags flags_;
   Limits limits_;
   const engine::StopSource& stop_;
   std::unique_ptr<engine::Executor> executor_;
-  std::unique_ptr<engine::Trace> trace_;
 };
 
 }  // namespace rilievo::app

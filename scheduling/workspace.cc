@@ -14,6 +14,7 @@ using nlohmann::json;
 namespace fs = std::filesystem;
 
 constexpr const char* kRecordName = "run.json";
+constexpr const char* kArtifacts = "artifacts";
 
 template <class S>
 json OptionsToJson(const S& options, std::span<const OptionDeclaration<S>> declarations) {
@@ -168,7 +169,7 @@ Workspace Workspace::OpenOrCreate(const fs::path& dir) {
   std::error_code failed;
   if (fs::exists(dir, failed)) {
     if (!fs::is_directory(dir)) throw Error(ErrorCode::kInvalidInput, dir.string(), "is a file", "--workspace takes a folder");
-    const bool ours = fs::exists(dir / kRecordName) || fs::exists(dir / "artifacts");
+    const bool ours = fs::exists(dir / kRecordName) || fs::exists(dir / kArtifacts);
     if (!ours && !fs::is_empty(dir))
       throw Error(ErrorCode::kInvalidInput, dir.string(), "holds other files and is no workspace", "give a new or empty folder");
     if (fs::exists(dir / kRecordName)) {
@@ -179,7 +180,10 @@ Workspace Workspace::OpenOrCreate(const fs::path& dir) {
       }
     }
   }
-  return Workspace(fs::absolute(dir).lexically_normal(), engine::ArtifactStore(fs::absolute(dir).lexically_normal() / "artifacts"));
+  const fs::path place = fs::absolute(dir).lexically_normal();
+  Workspace workspace(place, engine::ArtifactStore(place / kArtifacts));
+  workspace.store().RemoveStaleTemporaries();
+  return workspace;
 }
 
 Workspace Workspace::Open(const fs::path& dir) {
@@ -189,7 +193,13 @@ Workspace Workspace::Open(const fs::path& dir) {
   if (!fs::exists(dir / kRecordName))
     throw Error(ErrorCode::kNotFound, dir.string(), "is no workspace: it has no run.json", "give the folder that orient --workspace made");
   ReadRecordJson(dir / kRecordName);
-  return Workspace(fs::absolute(dir).lexically_normal(), engine::ArtifactStore(fs::absolute(dir).lexically_normal() / "artifacts"));
+  const fs::path place = fs::absolute(dir).lexically_normal();
+  return Workspace(place, engine::ArtifactStore::ForReading(place / kArtifacts));
+}
+
+Workspace Workspace::ForPlanning(const fs::path& dir) {
+  const fs::path place = fs::absolute(dir.empty() ? fs::path(".") : dir).lexically_normal();
+  return Workspace(place, engine::ArtifactStore::ForReading(place / kArtifacts));
 }
 
 std::optional<RunRecord> Workspace::ReadRecord() const {

@@ -30,6 +30,8 @@ class Workspace {
   static Workspace OpenOrCreate(const std::filesystem::path& dir);
   /// Opens an existing workspace; throws Error(kNotFound) when DIR is none.
   static Workspace Open(const std::filesystem::path& dir);
+  /// Looks at DIR, which may not exist, and creates nothing: to say what a run would find there.
+  static Workspace ForPlanning(const std::filesystem::path& dir);
 
   const std::filesystem::path& dir() const { return dir_; }
   const engine::ArtifactStore& store() const { return store_; }
