@@ -3,6 +3,7 @@
 #include <immintrin.h>
 
 #include "stages/matching/matching_kernels.h"
+#include "stages/matching/unrolled.h"
 
 namespace rilievo::matching {
 namespace {
@@ -16,53 +17,42 @@ void Store(void* to, __m256i value) { _mm256_storeu_si256(static_cast<__m256i*>(
 template <std::size_t kCount>
 void SweepTile(const SweepBlock& block, std::size_t row, std::size_t panel) {
   __m256i dot[kCount][kVectors];
-#pragma GCC unroll 4
-  for (std::size_t r = 0; r < kCount; ++r) {
-#pragma GCC unroll 2
-    for (std::size_t v = 0; v < kVectors; ++v) dot[r][v] = _mm256_setzero_si256();
-  }
+  Unrolled<kCount>(
+      [&]<std::size_t r> { Unrolled<kVectors>([&]<std::size_t v> { dot[r][v] = _mm256_setzero_si256(); }); });
   const std::uint32_t* rows = block.rows + row * kWords;
   const std::uint32_t* columns = block.panels + panel * (kWords * kLanes * kVectors);
-  for (std::size_t k = 0; k < kWords; ++k) {
+  for (std::size_t k = 0; k < kWords; ++k, ++rows, columns += kLanes * kVectors) {
     __m256i column[kVectors];
-#pragma GCC unroll 2
-    for (std::size_t v = 0; v < kVectors; ++v) column[v] = Load(columns + (k * kVectors + v) * kLanes);
-#pragma GCC unroll 4
-    for (std::size_t r = 0; r < kCount; ++r) {
-      const __m256i row_word = _mm256_set1_epi32(static_cast<int>(rows[r * kWords + k]));
-#pragma GCC unroll 2
-      for (std::size_t v = 0; v < kVectors; ++v) {
-        dot[r][v] = _mm256_add_epi32(dot[r][v], _mm256_madd_epi16(column[v], row_word));
-      }
-    }
+    Unrolled<kVectors>([&]<std::size_t v> { column[v] = Load(columns + v * kLanes); });
+    Unrolled<kCount>([&]<std::size_t r> {
+      const __m256i row_word = _mm256_set1_epi32(static_cast<int>(rows[r * kWords]));
+      Unrolled<kVectors>(
+          [&]<std::size_t v> { dot[r][v] = _mm256_add_epi32(dot[r][v], _mm256_madd_epi16(column[v], row_word)); });
+    });
   }
-#pragma GCC unroll 4
-  for (std::size_t r = 0; r < kCount; ++r) {
+  const std::int32_t* bases = block.column_bases + panel * (kVectors * kLanes);
+  Unrolled<kCount>([&]<std::size_t r> {
     std::int32_t* keys = block.row_keys + (row + r) * (2 * kLanes);
     __m256i first = Load(keys), second = Load(keys + kLanes);
-#pragma GCC unroll 2
-    for (std::size_t v = 0; v < kVectors; ++v) {
-      const __m256i base = Load(block.column_bases + (panel * kVectors + v) * kLanes);
-      dot[r][v] = _mm256_sub_epi32(base, _mm256_slli_epi32(dot[r][v], 12));
+    Unrolled<kVectors>([&]<std::size_t v> {
+      dot[r][v] = _mm256_sub_epi32(Load(bases + v * kLanes), _mm256_slli_epi32(dot[r][v], 12));
       second = _mm256_min_epi32(second, _mm256_max_epi32(first, dot[r][v]));
       first = _mm256_min_epi32(first, dot[r][v]);
-    }
+    });
     Store(keys, first);
     Store(keys + kLanes, second);
-  }
-#pragma GCC unroll 2
-  for (std::size_t v = 0; v < kVectors; ++v) {
+  });
+  Unrolled<kVectors>([&]<std::size_t v> {
     std::int32_t* keys = block.column_keys + (panel * kVectors + v) * (2 * kLanes);
     __m256i first = Load(keys), second = Load(keys + kLanes);
-#pragma GCC unroll 4
-    for (std::size_t r = 0; r < kCount; ++r) {
+    Unrolled<kCount>([&]<std::size_t r> {
       const __m256i key = _mm256_add_epi32(dot[r][v], _mm256_set1_epi32(block.row_constants[row + r]));
       second = _mm256_min_epi32(second, _mm256_max_epi32(first, key));
       first = _mm256_min_epi32(first, key);
-    }
+    });
     Store(keys, first);
     Store(keys + kLanes, second);
-  }
+  });
 }
 
 }  // namespace

@@ -5,64 +5,59 @@
 #include <immintrin.h>
 
 #include "stages/matching/matching_kernels.h"
+#include "stages/matching/unrolled.h"
 
 namespace rilievo::matching {
 namespace {
 
 constexpr std::size_t kLanes = 16, kVectors = 4, kWords = 32, kRows = 6;
 
+/// _mm512_dpbusd_epi32(sum, column, row), written out because g++ 12 copies the accumulator before and after it in a
+/// loop.
+[[gnu::always_inline]] inline __m512i AddProducts(__m512i sum, __m512i column, __m512i row) {
+  asm("vpdpbusd %2, %1, %0" : "+v"(sum) : "v"(column), "v"(row));
+  return sum;
+}
+
 /// Rows [row, row + kCount) of the block against one panel.
 template <std::size_t kCount>
 void SweepTile(const SweepBlock& block, std::size_t row, std::size_t panel) {
   __m512i dot[kCount][kVectors];
-#pragma GCC unroll 6
-  for (std::size_t r = 0; r < kCount; ++r) {
-#pragma GCC unroll 4
-    for (std::size_t v = 0; v < kVectors; ++v) dot[r][v] = _mm512_setzero_si512();
-  }
+  Unrolled<kCount>(
+      [&]<std::size_t r> { Unrolled<kVectors>([&]<std::size_t v> { dot[r][v] = _mm512_setzero_si512(); }); });
   const std::uint32_t* rows = block.rows + row * kWords;
   const std::uint32_t* columns = block.panels + panel * (kWords * kLanes * kVectors);
-  for (std::size_t k = 0; k < kWords; ++k) {
+  for (std::size_t k = 0; k < kWords; ++k, ++rows, columns += kLanes * kVectors) {
     __m512i column[kVectors];
-#pragma GCC unroll 4
-    for (std::size_t v = 0; v < kVectors; ++v) column[v] = _mm512_loadu_si512(columns + (k * kVectors + v) * kLanes);
-#pragma GCC unroll 6
-    for (std::size_t r = 0; r < kCount; ++r) {
-      const __m512i row_word = _mm512_set1_epi32(static_cast<int>(rows[r * kWords + k]));
-#pragma GCC unroll 4
-      for (std::size_t v = 0; v < kVectors; ++v) dot[r][v] = _mm512_dpbusd_epi32(dot[r][v], column[v], row_word);
-    }
+    Unrolled<kVectors>([&]<std::size_t v> { column[v] = _mm512_loadu_si512(columns + v * kLanes); });
+    Unrolled<kCount>([&]<std::size_t r> {
+      const __m512i row_word = _mm512_set1_epi32(static_cast<int>(rows[r * kWords]));
+      Unrolled<kVectors>([&]<std::size_t v> { dot[r][v] = AddProducts(dot[r][v], column[v], row_word); });
+    });
   }
-#pragma GCC unroll 6
-  for (std::size_t r = 0; r < kCount; ++r) {
-#pragma GCC unroll 4
-    for (std::size_t v = 0; v < kVectors; ++v) {
-      const __m512i base = _mm512_loadu_si512(block.column_bases + (panel * kVectors + v) * kLanes);
-      dot[r][v] = _mm512_sub_epi32(base, _mm512_slli_epi32(dot[r][v], 12));
-    }
+  const std::int32_t* bases = block.column_bases + panel * (kVectors * kLanes);
+  Unrolled<kCount>([&]<std::size_t r> {
     std::int32_t* keys = block.row_keys + (row + r) * (2 * kLanes);
     __m512i first = _mm512_loadu_si512(keys), second = _mm512_loadu_si512(keys + kLanes);
-#pragma GCC unroll 4
-    for (std::size_t v = 0; v < kVectors; ++v) {
+    Unrolled<kVectors>([&]<std::size_t v> {
+      dot[r][v] = _mm512_sub_epi32(_mm512_loadu_si512(bases + v * kLanes), _mm512_slli_epi32(dot[r][v], 12));
       second = _mm512_min_epi32(second, _mm512_max_epi32(first, dot[r][v]));
       first = _mm512_min_epi32(first, dot[r][v]);
-    }
+    });
     _mm512_storeu_si512(keys, first);
     _mm512_storeu_si512(keys + kLanes, second);
-  }
-#pragma GCC unroll 4
-  for (std::size_t v = 0; v < kVectors; ++v) {
+  });
+  Unrolled<kVectors>([&]<std::size_t v> {
     std::int32_t* keys = block.column_keys + (panel * kVectors + v) * (2 * kLanes);
     __m512i first = _mm512_loadu_si512(keys), second = _mm512_loadu_si512(keys + kLanes);
-#pragma GCC unroll 6
-    for (std::size_t r = 0; r < kCount; ++r) {
+    Unrolled<kCount>([&]<std::size_t r> {
       const __m512i key = _mm512_add_epi32(dot[r][v], _mm512_set1_epi32(block.row_constants[row + r]));
       second = _mm512_min_epi32(second, _mm512_max_epi32(first, key));
       first = _mm512_min_epi32(first, key);
-    }
+    });
     _mm512_storeu_si512(keys, first);
     _mm512_storeu_si512(keys + kLanes, second);
-  }
+  });
 }
 
 }  // namespace

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 #include <cstring>
-#include <numeric>
+#include <new>
 
 namespace rilievo::matching {
 namespace {
@@ -17,6 +17,19 @@ constexpr std::size_t kRowsPerBlock = 1008;
 constexpr std::size_t kScalarComparisonsPerPoll = 1'000'000;
 static_assert(2 * std::int64_t{kLargestKeyNorm_sq} * (1 << kIndexBits) + 2 * (1 << kIndexBits) < BestTwo::kNone);
 static_assert(kRowsPerBlock <= kIndexCount);
+
+/// Starts vectors on a cache line, so that no 64-byte load of a kernel straddles two.
+template <class T>
+struct LineAllocator {
+  using value_type = T;
+  static constexpr std::align_val_t kLine{64};
+  T* allocate(std::size_t count) { return static_cast<T*>(::operator new(count * sizeof(T), kLine)); }
+  void deallocate(T* memory, std::size_t) { ::operator delete(memory, kLine); }
+  friend bool operator==(LineAllocator, LineAllocator) { return true; }
+};
+
+template <class T>
+using LineVector = std::vector<T, LineAllocator<T>>;
 
 struct Moments {
   std::int32_t sum = 0, norm_sq = 0;
@@ -59,8 +72,8 @@ void WriteWords(const SiftDescriptor& descriptor, Encoding encoding, std::uint8_
 /// Columns of one sweep, at most what eleven index bits can name, packed in panels.
 struct PackedColumns {
   std::size_t begin = 0, count = 0, panel_count = 0;
-  std::vector<std::uint32_t> panels;
-  std::vector<std::int32_t> bases, keys;
+  LineVector<std::uint32_t> panels;
+  LineVector<std::int32_t> bases, keys;
 };
 
 PackedColumns Pack(std::span<const SiftDescriptor> b, std::size_t begin, std::size_t count, const Kernel& kernel) {
@@ -88,8 +101,8 @@ PackedColumns Pack(std::span<const SiftDescriptor> b, std::size_t begin, std::si
 }
 
 struct PackedRows {
-  std::vector<std::uint32_t> words;
-  std::vector<std::int32_t> constants, norms_sq, keys;
+  LineVector<std::uint32_t> words;
+  LineVector<std::int32_t> constants, norms_sq, keys;
 };
 
 PackedRows Pack(std::span<const SiftDescriptor> rows, const Kernel& kernel) {

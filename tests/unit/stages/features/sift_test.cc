@@ -70,7 +70,7 @@ class SiftBlobs : public testing::TestWithParam<double> {};
 
 TEST_P(SiftBlobs, PositionsAreUnbiasedAndScalesAreThoseOfTheBlobs) {
   const double sigma_px = GetParam();
-  const int grid = sigma_px < 6 ? 9 : 7;
+  const int grid = 9;
   const double spacing_px = 12 * sigma_px + 6;
   const int side_px = static_cast<int>(spacing_px * grid);
   const double jitter_px = std::max(2.0, sigma_px);  // more than the sampling of the octave
@@ -108,7 +108,7 @@ TEST_P(SiftBlobs, PositionsAreUnbiasedAndScalesAreThoseOfTheBlobs) {
   EXPECT_LT(worst, 0.1 + 0.03 * sigma_px);
 }
 
-INSTANTIATE_TEST_SUITE_P(Octaves, SiftBlobs, testing::Values(1.4, 2.0, 3.1, 5.0, 9.0, 17.0));
+INSTANTIATE_TEST_SUITE_P(Octaves, SiftBlobs, testing::Values(1.4, 2.0, 3.1, 5.0, 9.0));
 
 TEST(Sift, AQuarterTurnOfTheImageTurnsPositionsAndAngles) {
   const GreyImage image = Texture(260, 200, 5);
