@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cstring>
 #include <span>
-#include <tuple>
 #include <utility>
 
 #include "base/rng.h"
@@ -181,7 +180,7 @@ TaskCost PairTaskCost(const PairTile& tile, const OrientOptions& options) {
 
 std::vector<std::byte> Serialize(const OrientationResult& result) {
   ByteWriter writer;
-  writer.PutVector(io::Serialize(result.models, result.unoriented));
+  writer.PutVector(io::Serialize(io::MappingResult{result.models, result.unoriented}));
   writer.Put<std::uint64_t>(result.images.size());
   for (const auto& image : result.images) {
     writer.Put(image.features);
@@ -204,8 +203,9 @@ std::vector<std::byte> Serialize(const OrientationResult& result) {
 OrientationResult DeserializeOrientation(std::span<const std::byte> payload) {
   ByteReader reader(payload);
   OrientationResult result;
-  const auto models = reader.GetVector<std::byte>();
-  std::tie(result.models, result.unoriented) = io::DeserializeModels(models);
+  io::MappingResult mapped = io::DeserializeMapping(reader.GetVector<std::byte>());
+  result.models = std::move(mapped.models);
+  result.unoriented = std::move(mapped.unoriented);
   for (auto n = reader.Get<std::uint64_t>(); n > 0; --n) {
     ImageSummary image;
     image.features = reader.Get<std::uint32_t>();
