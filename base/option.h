@@ -1,6 +1,7 @@
 // Declares a stage's options once: validation, artifact keys, command line, TOML and documentation read the declaration.
 #pragma once
 
+#include <charconv>
 #include <cstdio>
 #include <limits>
 #include <span>
@@ -47,6 +48,32 @@ std::string OptionValueText(const S& options, const OptionDeclaration<S>& declar
             if (std::sscanf(text, "%lf", &back) == 1 && back == options.*member) break;
           }
           return text;
+        }
+      },
+      declaration.member);
+}
+
+/// Sets one option from its text; throws Error(kUsage) when the text is not a value of its type. The range is checked by
+/// ValidateOptions.
+template <class S>
+void SetOptionValue(S& options, const OptionDeclaration<S>& declaration, const std::string& text) {
+  const auto bad = [&](const char* type) {
+    return Error(ErrorCode::kUsage, "--" + std::string(declaration.name), "'" + text + "' is not " + type);
+  };
+  std::visit(
+      [&](auto member) {
+        using T = std::remove_cvref_t<decltype(options.*member)>;
+        if constexpr (std::is_same_v<T, bool>) {
+          if (text != "true" && text != "false") throw bad("true or false");
+          options.*member = text == "true";
+        } else if constexpr (std::is_same_v<T, std::string>) {
+          options.*member = text;
+        } else {
+          T value{};
+          const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), value);
+          if (ec != std::errc{} || end != text.data() + text.size())
+            throw bad(std::is_same_v<T, int> ? "a whole number" : "a number");
+          options.*member = value;
         }
       },
       declaration.member);

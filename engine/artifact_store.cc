@@ -140,6 +140,12 @@ ArtifactStore::ArtifactStore(fs::path root) : root_(std::move(root)) {
   CreateFolderDurably(root_ / kQuarantine);
 }
 
+ArtifactStore ArtifactStore::ForReading(fs::path root) {
+  ArtifactStore store;
+  store.root_ = std::move(root);
+  return store;
+}
+
 fs::path ArtifactStore::PathOf(const ArtifactKey& key) const {
   const auto is_letter = [](char c) { return (c >= 'a' && c <= 'z') || c == '-'; };
   RILIEVO_CHECK(!key.stage.empty() && std::all_of(key.stage.begin(), key.stage.end(), is_letter) &&

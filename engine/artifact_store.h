@@ -25,6 +25,8 @@ class ArtifactStore {
  public:
   /// Creates the folders; throws Error(kIo) with a hint when it cannot (read-only disk, missing permission).
   explicit ArtifactStore(std::filesystem::path root);
+  /// A store that is only read: creates nothing, and `root` need not exist (then nothing is found).
+  static ArtifactStore ForReading(std::filesystem::path root);
 
   /// The payload, or none when absent or damaged (a damaged file is quarantined first). Throws Error(kVersion) for an
   /// intact file of another format version and Error(kIo) when the disk cannot be read.
@@ -47,6 +49,7 @@ class ArtifactStore {
   const std::filesystem::path& root() const { return root_; }
 
  private:
+  ArtifactStore() = default;
   std::filesystem::path root_;
 };
 

@@ -21,8 +21,14 @@ struct CameraModel {
 
   bool HasDistortion() const { return k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0 || k3 != 0 || k4 != 0 || k5 != 0 || k6 != 0; }
   double MeanFocal() const { return 0.5 * (fx + fy); }
+  struct Distorted {
+    Eigen::Vector2d value;
+    Eigen::Matrix2d jacobian;  ///< d value / d ideal
+  };
   /// Ideal image coordinates (X/Z, Y/Z) to distorted ones.
   Eigen::Vector2d Distort(const Eigen::Vector2d& ideal) const;
+  /// The same with its derivative, for adjustments.
+  Distorted DistortWithJacobian(const Eigen::Vector2d& ideal) const;
   /// Pixel of a point in the camera frame; none when it lies on or behind the camera's plane (Z <= 0).
   std::optional<Eigen::Vector2d> Project(const Eigen::Vector3d& x_in_cam) const;
   /// Ideal coordinates (X/Z, Y/Z) of a pixel: Newton's iteration on Distort, to 1e-12; none where the distortion cannot

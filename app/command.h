@@ -1,0 +1,56 @@
+// A command of the program: its flags and what it does. One file a command implements Add...Command.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/option.h"
+#include "base/units.h"
+#include "engine/executor.h"
+
+namespace rilievo::app {
+
+enum ExitCode { kExitDone = 0, kExitFailed = 1, kExitUsage = 2, kExitCancelled = 130 };
+
+/// What every command gets from main.
+struct ProgramContext {
+  engine::StopSource stop;
+  int exit_code = kExitDone;  ///< set by the command that ran
+};
+
+void AddOrientCommand(CLI::App& app, ProgramContext& context);
+void AddPlanCommand(CLI::App& app, ProgramContext& context);
+void AddInfoCommand(CLI::App& app, ProgramContext& context);
+void AddReportCommand(CLI::App& app, ProgramContext& context);
+void AddExportCommand(CLI::App& app, ProgramContext& context);
+void AddSimulateCommand(CLI::App& app, ProgramContext& context);
+
+/// Makes one flag a declared option; the help shows unit, range and default.
+template <class S>
+void AddDeclaredOptions(CLI::App& command, S& options, std::span<const OptionDeclaration<S>> declarations, const std::string& group) {
+  for (const auto& d : declarations) {
+    std::string help(d.help);
+    if (!d.unit.empty()) help += " [" + std::string(d.unit) + "]";
+    if (!d.choices.empty()) {
+      help += " (";
+      for (std::size_t i = 0; i < d.choices.size(); ++i) help += (i ? ", " : "") + std::string(d.choices[i]);
+      help += ")";
+    } else if (!std::holds_alternative<bool S::*>(d.member)) {
+      char range[80] = "";
+      if (d.min > -1e300 && d.max < 1e300) std::snprintf(range, sizeof range, " (%g to %g)", d.min, d.max);
+      help += range;
+    }
+    command
+        .add_option_function<std::string>(
+            "--" + std::string(d.name), [&options, d](const std::string& text) { SetOptionValue(options, d, text); }, help)
+        ->default_str(OptionValueText(options, d))
+        ->type_name(std::holds_alternative<bool S::*>(d.member) ? "true|false" : "VALUE")
+        ->group(group);
+  }
+}
+
+}  // namespace rilievo::app

@@ -1,0 +1,130 @@
+// Lists, inspects and calibrates the images of a run.
+#include "app/inputs.h"
+
+#include <optional>
+#include <utility>
+
+#include "block/io/assign_cameras.h"
+#include "block/io/calibration.h"
+#include "block/io/image_folder.h"
+#include "block/io/image_header.h"
+#include "simulation/renderer.h"
+#include "simulation/scene.h"
+#include "simulation/scene_source.h"
+#include "stages/images/decode.h"
+
+namespace rilievo::app {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Reads all headers and digests in parallel; a file that cannot be read goes to `quarantined`.
+std::vector<Image> InspectImages(const fs::path& folder, const std::vector<std::string>& names, PlanRunner& runner,
+                                 std::vector<QuarantinedImage>& quarantined) {
+  std::vector<std::optional<Image>> found(names.size());
+  std::vector<std::string> reasons(names.size());
+  engine::Plan plan;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    plan.Add({.name = "inspect " + names[i],
+              .stage = "inspect",
+              .needs = {},
+              .cost = {4 * kMebibyte, 0.01},
+              .memory_hint = "raise --memory",
+              .run = [&, i](engine::TaskContext&) {
+                try {
+                  found[i] = io::ReadImageHeader(folder, names[i]);
+                } catch (const Error& error) {
+                  reasons[i] = error.message();
+                }
+              }});
+  }
+  runner.RunQuietly(plan);
+  std::vector<Image> images;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (!found[i]) {
+      quarantined.push_back({names[i], reasons[i].empty() ? "its header could not be read" : reasons[i]});
+      continue;
+    }
+    found[i]->id = ImageId(static_cast<std::uint32_t>(images.size()));
+    images.push_back(std::move(*found[i]));
+  }
+  return images;
+}
+
+std::vector<io::CalibrationEntry> ReadCalibrations(const InputFlags& flags) {
+  std::vector<io::CalibrationEntry> entries;
+  const auto origin = flags.pixel_origin == "center" ? io::PixelOrigin::kCenter : io::PixelOrigin::kCorner;
+  for (const std::string& path : flags.calibrations)
+    for (auto& entry : io::ReadCalibration(path, origin)) entries.push_back(std::move(entry));
+  return entries;
+}
+
+Inputs LoadScene(const InputFlags& flags, PlanRunner& runner) {
+  Inputs inputs;
+  inputs.images = fs::absolute(flags.images).lexically_normal();
+  inputs.from_scene = true;
+  if (!flags.order.empty()) throw Error(ErrorCode::kUsage, "--order", "does not go with a scene file", "a scene has its own order");
+  const simulation::Scene scene = simulation::ReadSceneFile(flags.images);
+  inputs.block = simulation::SceneBlock(scene);
+  if (!flags.calibrations.empty()) {
+    auto assigned = io::MakeBlock(inputs.block.images, {}, ReadCalibrations(flags));
+    inputs.block = std::move(assigned.block);
+    inputs.warnings = std::move(assigned.warnings);
+  }
+  runner.HoldResident(simulation::EstimateRenderBytes(scene).shared, "the scene's surface");
+  inputs.pixels = std::make_unique<simulation::ScenePixelSource>(std::make_shared<const simulation::Renderer>(scene));
+  return inputs;
+}
+
+}  // namespace
+
+void AddInputFlags(CLI::App& command, InputFlags& flags) {
+  command.add_option("images", flags.images, "Folder of photographs (JPEG, PNG, TIFF), or a scene file of rilievo simulate")
+      ->required()
+      ->type_name("IMAGES");
+  command
+      .add_option("--calibration", flags.calibrations,
+                  "Interior orientation: 3x3 K matrix as text, this program's TOML, OpenCV YAML/XML or COLMAP cameras.txt; "
+                  "several cameras: by image size or folder. Without it the focal length comes from EXIF")
+      ->type_name("FILE");
+  command.add_option("--pixel-origin", flags.pixel_origin, "Where text K and cameras.txt count from: the upper-left pixel's corner (its centre is 0.5, 0.5) or its center (0, 0)")
+      ->check(CLI::IsMember({"corner", "center"}))
+      ->capture_default_str();
+  command.add_option("--network", flags.network, "sparse: all n(n-1)/2 pairs; sequence: the 2n-3 pairs of successive triplets")
+      ->check(CLI::IsMember({"sparse", "sequence"}))
+      ->capture_default_str();
+  command.add_option("--order", flags.order, "Text file with the order of a sequence, a name a line; else natural order of the names")->type_name("FILE");
+}
+
+void AddStageOptions(CLI::App& command, scheduling::OrientOptions& options) {
+  AddDeclaredOptions(command, options.features, features::OptionDeclarations(), "Features");
+  AddDeclaredOptions(command, options.matching, matching::OptionDeclarations(), "Matching");
+  AddDeclaredOptions(command, options.verification, verification::OptionDeclarations(), "Verification");
+  AddDeclaredOptions(command, options.mapping, mapping::OptionDeclarations(), "Mapping");
+}
+
+Inputs LoadInputs(const InputFlags& flags, PlanRunner& runner) {
+  if (fs::is_regular_file(flags.images) && simulation::IsSceneFile(flags.images)) return LoadScene(flags, runner);
+  Inputs inputs;
+  inputs.images = fs::absolute(flags.images).lexically_normal();
+  const std::vector<io::CalibrationEntry> calibration = ReadCalibrations(flags);
+  io::FoundImages found = io::FindImages(inputs.images);
+  std::vector<QuarantinedImage> quarantined = std::move(found.ignored);
+  if (!flags.order.empty()) {
+    const std::vector<std::string> order = io::ReadOrderFile(flags.order, found.names);
+    for (auto& left_out : io::LeftOutByOrder(found.names, order)) quarantined.push_back(std::move(left_out));
+    found.names = order;
+  }
+  std::vector<Image> images = InspectImages(inputs.images, found.names, runner, quarantined);
+  if (images.empty()) {
+    const std::string example = quarantined.empty() ? "" : "first: " + quarantined.front().name + ": " + quarantined.front().reason;
+    throw Error(ErrorCode::kInvalidInput, inputs.images.string(), "has no readable image", example);
+  }
+  auto assigned = io::MakeBlock(std::move(images), std::move(quarantined), calibration);
+  inputs.block = std::move(assigned.block);
+  inputs.warnings = std::move(assigned.warnings);
+  inputs.pixels = std::make_unique<images::FolderPixelSource>(inputs.images);
+  return inputs;
+}
+
+}  // namespace rilievo::app

@@ -1,0 +1,62 @@
+// The flags of commands that run a plan: memory, threads, progress, trace; and running it.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "app/command.h"
+#include "engine/executor.h"
+#include "engine/plan.h"
+#include "engine/progress.h"
+#include "engine/trace.h"
+
+namespace rilievo::app {
+
+struct RunFlags {
+  std::string memory;              ///< text; empty = a fixed share of the machine's memory
+  int threads = 0;                 ///< 0 = all processors this process may use
+  bool quiet = false;
+  std::string progress = "auto";   ///< auto, plain, json, quiet
+  std::string trace;               ///< file, empty = none
+  bool serial = false;             ///< the reference executor
+};
+
+void AddRunFlags(CLI::App& command, RunFlags& flags);
+
+/// Limits after defaults. `budget_bytes` is what tasks may hold: the given memory less what the process itself needs.
+struct Limits {
+  std::uint64_t memory_bytes = 0, budget_bytes = 0;
+  int threads = 1;
+};
+
+/// Memory that the program itself needs besides its tasks: libraries, stacks, allocator slack.
+inline constexpr std::uint64_t kProcessReserveBytes = 160 * kMebibyte;
+
+/// Throws Error when the memory is too small for the program itself.
+Limits ResolveLimits(const RunFlags& flags);
+
+/// Runs plans one after the other under the same limits.
+class PlanRunner {
+ public:
+  PlanRunner(RunFlags flags, const Limits& limits, const engine::StopSource& stop);
+  /// Memory that stays held beside the tasks from now on (a scene's surface): taken from the budget. Throws Error when
+  /// nothing is left.
+  void HoldResident(std::uint64_t bytes, const std::string& what);
+  /// Without progress and trace: short preparations. Throws Cancelled, Error(kOutOfMemoryBudget).
+  engine::ExecutionReport RunQuietly(engine::Plan& plan) const;
+  /// With progress, and the trace written at the end, also of a cancelled run. Throws Cancelled when the user stopped it,
+  /// Error(kOutOfMemoryBudget) when a task can never fit.
+  engine::ExecutionReport Run(engine::Plan& plan) const;
+  const Limits& limits() const { return limits_; }
+
+ private:
+  engine::ExecutionReport Execute(engine::Plan& plan, std::vector<engine::Observer*> observers) const;
+  RunFlags flags_;
+  Limits limits_;
+  const engine::StopSource& stop_;
+  std::unique_ptr<engine::Executor> executor_;
+};
+
+}  // namespace rilievo::app

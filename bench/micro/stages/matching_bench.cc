@@ -1,0 +1,103 @@
+// Two nearest neighbours of 8192 x 8192 and 40960 x 8192 descriptors by every kernel, beside the peak of its
+// multiply-add instruction measured in the same run: counter "GMAC/s" of both, their ratio is the share of peak.
+#include <benchmark/benchmark.h>
+
+#include <cmath>
+#include <string>
+
+#include "base/rng.h"
+#include "stages/matching/two_nearest.h"
+
+namespace rilievo::matching {
+namespace {
+
+std::vector<SiftDescriptor> RandomSift(std::size_t count, std::uint64_t seed) {
+  Rng rng(seed);
+  std::vector<SiftDescriptor> result(count);
+  for (auto& descriptor : result) {
+    std::array<double, 128> values{};
+    double norm_sq = 0;
+    for (double& v : values) {
+      v = std::abs(rng.Normal());
+      norm_sq += v * v;
+    }
+    for (std::size_t k = 0; k < 128; ++k) {
+      descriptor[k] = static_cast<std::uint8_t>(std::min(255.0, std::round(512 * values[k] / std::sqrt(norm_sq))));
+    }
+  }
+  return result;
+}
+
+void SetRate(benchmark::State& state, double products_each) {
+  state.counters["GMAC/s"] = benchmark::Counter(1e-9 * products_each, benchmark::Counter::kIsIterationInvariantRate);
+}
+
+void TwoNearest(benchmark::State& state, const Kernel& kernel) {
+  const auto a = RandomSift(static_cast<std::size_t>(state.range(0)), 1),
+             b = RandomSift(static_cast<std::size_t>(state.range(1)), 2);
+  const SerialRunContext context;
+  for (auto _ : state) benchmark::DoNotOptimize(FindTwoNearest(a, b, kernel, context));
+  SetRate(state, 128.0 * static_cast<double>(a.size() * b.size()));
+}
+
+constexpr int kPeakRounds = 100'000;
+
+/// 24 independent chains of vpdpbusd on registers: 64 products each.
+void PeakOfAvx512(benchmark::State& state) {
+  for (auto _ : state) {
+    asm volatile(
+        "mov %0, %%ecx\n"
+        "1:\n"
+        ".irp reg,0,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,18,19,20,21,22,23\n"
+        "vpdpbusd %%zmm31, %%zmm30, %%zmm\\reg\n"
+        ".endr\n"
+        "dec %%ecx\n"
+        "jnz 1b\n"
+        "vzeroupper\n"
+        :
+        : "i"(kPeakRounds)
+        : "ecx", "cc", "memory", "xmm0", "xmm1", "xmm2", "xmm3", "xmm4", "xmm5", "xmm6", "xmm7", "xmm8", "xmm9",
+          "xmm10", "xmm11", "xmm12", "xmm13", "xmm14", "xmm15");
+  }
+  SetRate(state, 24.0 * 64 * kPeakRounds);
+}
+
+/// 12 independent chains of vpmaddwd and vpaddd on registers: 16 products each.
+void PeakOfAvx2(benchmark::State& state) {
+  for (auto _ : state) {
+    asm volatile(
+        "mov %0, %%ecx\n"
+        "1:\n"
+        ".irp reg,0,1,2,3,4,5,6,7,8,9,10,11\n"
+        "vpmaddwd %%ymm15, %%ymm14, %%ymm13\n"
+        "vpaddd %%ymm13, %%ymm\\reg, %%ymm\\reg\n"
+        ".endr\n"
+        "dec %%ecx\n"
+        "jnz 1b\n"
+        "vzeroupper\n"
+        :
+        : "i"(kPeakRounds)
+        : "ecx", "cc", "memory", "xmm0", "xmm1", "xmm2", "xmm3", "xmm4", "xmm5", "xmm6", "xmm7", "xmm8", "xmm9",
+          "xmm10", "xmm11", "xmm12", "xmm13", "xmm14", "xmm15");
+  }
+  SetRate(state, 12.0 * 16 * kPeakRounds);
+}
+
+/// Registers what this processor can run; the work happens in the static's initialiser because the main function is the
+/// library's.
+const bool kRegistered = [] {
+  for (const Kernel& kernel : AllKernels()) {
+    if (!kernel.is_supported) continue;
+    const std::string name(kernel.name);
+    benchmark::RegisterBenchmark(("two_nearest/" + name).c_str(), TwoNearest, kernel)
+        ->Args({8192, 8192})
+        ->Args({40960, 8192})
+        ->Unit(benchmark::kMillisecond);
+    if (name == "avx2") benchmark::RegisterBenchmark("peak/avx2", PeakOfAvx2)->Unit(benchmark::kMillisecond);
+    if (name == "avx512") benchmark::RegisterBenchmark("peak/avx512", PeakOfAvx512)->Unit(benchmark::kMillisecond);
+  }
+  return true;
+}();
+
+}  // namespace
+}  // namespace rilievo::matching

@@ -1,0 +1,82 @@
+"""Runs the bench of one issue, prints name, value, bar and verdict, and writes the JSON. Standard library only."""
+import argparse
+import importlib
+import json
+import os
+import pathlib
+import platform
+import subprocess
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
+NAMES = ["orient", "features", "matching", "engine", "adjustment", "mapping", "refinement", "dense", "report"]
+
+
+class Figures:
+    """Collects one entry for every row of an issue's table."""
+
+    def __init__(self):
+        self.entries = []
+
+    def add(self, name, value, unit, bar, holds):
+        self._append({"name": name, "value": value, "unit": unit, "bar": bar, "holds": bool(holds), "skipped": None})
+
+    def at_most(self, name, value, unit, limit):
+        self.add(name, value, unit, f"<= {limit:g}", value is not None and value <= limit)
+
+    def at_least(self, name, value, unit, limit):
+        self.add(name, value, unit, f">= {limit:g}", value is not None and value >= limit)
+
+    def skip(self, name, unit, bar, reason):
+        self._append({"name": name, "value": None, "unit": unit, "bar": bar, "holds": False, "skipped": reason})
+
+    def _append(self, entry):
+        self.entries.append(entry)
+        value = "-" if entry["value"] is None else f"{entry['value']:.6g}" if isinstance(entry["value"], float) else str(entry["value"])
+        verdict = f"skipped: {entry['skipped']}" if entry["skipped"] else "holds" if entry["holds"] else "FALLS SHORT"
+        print(f"{entry['name']:<58} {value:>12} {entry['unit']:<6} {entry['bar']:<12} {verdict}", flush=True)
+
+
+def machine():
+    model = next((line.split(":", 1)[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), platform.processor())
+    flags = next((line for line in open("/proc/cpuinfo") if line.startswith("flags")), "")
+    return {"cpu": model, "cores": len(os.sched_getaffinity(0)), "avx512": "avx512f" in flags, "avx512_vnni": "avx512_vnni" in flags,
+            "memory_bytes": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")}
+
+
+def commit():
+    done = subprocess.run(["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=12"], capture_output=True, text=True)
+    return done.stdout.strip() or "unknown"
+
+
+def build():
+    """The release program and the micro-benchmarks, so that a bench never measures something stale."""
+    for command in (["cmake", "--preset", "bench"], ["cmake", "--build", "--preset", "bench"]):
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+        if done.returncode != 0:
+            sys.exit(f"bench: {' '.join(command)} failed:\n{done.stdout[-3000:]}{done.stderr[-3000:]}")
+    return ROOT / "build" / "bench" / "bin"
+
+
+def main(arguments):
+    parser = argparse.ArgumentParser(prog="scripts/bench")
+    parser.add_argument("name", choices=NAMES)
+    parser.add_argument("--json", metavar="FILE")
+    parser.add_argument("--full", action="store_true", help="also the figures that take hours")
+    options = parser.parse_args(arguments)
+    try:
+        module = importlib.import_module(f"bench_{options.name}")
+    except ModuleNotFoundError as missing:
+        if missing.name != f"bench_{options.name}":
+            raise
+        print(f"bench: '{options.name}' has no figures yet", file=sys.stderr)
+        return 2
+    figures = Figures()
+    data = pathlib.Path(os.environ.get("RILIEVO_DATA", ROOT.parent / "shared" / "data")).resolve()
+    module.measure(figures, build(), data, options.full)
+    if options.json:
+        pathlib.Path(options.json).write_text(
+            json.dumps({"figures": figures.entries, "machine": machine(), "commit": commit()}, indent=1) + "\n")
+    short = sum(1 for entry in figures.entries if not entry["holds"])
+    print(f"{len(figures.entries) - short} of {len(figures.entries)} figures hold")
+    return 1 if short else 0

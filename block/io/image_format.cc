@@ -1,0 +1,209 @@
+// The containers JPEG, PNG and TIFF as far as their headers go: size, samples and where the EXIF block lies.
+// Sources: ITU-T T.81 annex B (JPEG), PNG specification third edition (chunks), TIFF revision 6.0 and the BigTIFF
+// proposal.
+#include "block/io/image_format.h"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <span>
+#include <string>
+
+#include "base/error.h"
+
+namespace rilievo::io {
+namespace {
+
+/// Random access to a file that knows its length: every read is checked.
+class HeaderFile {
+ public:
+  explicit HeaderFile(const std::filesystem::path& path)
+      : path_(path.string()), file_(std::fopen(path.c_str(), "rb"), &std::fclose) {
+    if (!file_) {
+      const int reason = errno;
+      throw Error(reason == ENOENT ? ErrorCode::kNotFound : ErrorCode::kUnreadable, path_,
+                  std::string("cannot be opened: ") + std::strerror(reason), "check the path and its permissions");
+    }
+    std::error_code ec;
+    size_ = std::filesystem::file_size(path, ec);
+    if (ec) throw Error(ErrorCode::kUnreadable, path_, "is not a file", "check the path");
+    if (size_ == 0) throw Error(ErrorCode::kInvalidInput, path_, "empty file (0 bytes)", "copy the image again");
+  }
+  std::uint64_t size() const { return size_; }
+
+  Error Bad(const std::string& message) const {
+    return {ErrorCode::kInvalidInput, path_, message, "copy or export the image again"};
+  }
+  Error Unsupported(const std::string& message) const {
+    return {ErrorCode::kUnsupported, path_, message, "convert it to 8 or 16 bit grey or RGB"};
+  }
+
+  void Read(std::uint64_t offset, std::span<std::uint8_t> target) const {
+    if (offset > size_ || target.size() > size_ - offset) throw Bad("truncated: the file ends inside its header");
+    if (::fseeko(file_.get(), static_cast<off_t>(offset), SEEK_SET) != 0 ||
+        std::fread(target.data(), 1, target.size(), file_.get()) != target.size())
+      throw Error(ErrorCode::kUnreadable, path_, std::string("cannot be read: ") + std::strerror(errno),
+                  "check the disk");
+  }
+
+ private:
+  std::string path_;
+  std::unique_ptr<std::FILE, int (*)(std::FILE*)> file_;
+  std::uint64_t size_ = 0;
+};
+
+/// An unsigned number of `Bytes` bytes at the front of `data`.
+std::uint64_t Number(std::span<const std::uint8_t> data, int bytes, bool big_endian) {
+  std::uint64_t value = 0;
+  for (int i = 0; i < bytes; ++i) value = value << 8 | data[static_cast<std::size_t>(big_endian ? i : bytes - 1 - i)];
+  return value;
+}
+
+std::uint64_t ReadNumber(const HeaderFile& file, std::uint64_t offset, int bytes, bool big_endian) {
+  std::array<std::uint8_t, 8> data;
+  file.Read(offset, std::span(data).first(static_cast<std::size_t>(bytes)));
+  return Number(data, bytes, big_endian);
+}
+
+FormatHeader ReadJpeg(const HeaderFile& file) {
+  static constexpr std::array<std::uint8_t, 6> kExif{'E', 'x', 'i', 'f', 0, 0};
+  FormatHeader header;
+  for (std::uint64_t at = 2;;) {
+    if (ReadNumber(file, at, 1, true) != 0xFF) throw file.Bad("corrupt JPEG header: no marker where one must be");
+    const auto marker = ReadNumber(file, at + 1, 1, true);
+    if (marker == 0xFF) {  // fill byte
+      ++at;
+      continue;
+    }
+    if (marker == 0xD9 || marker == 0xDA) throw file.Bad("corrupt JPEG header: pixels come before the image size");
+    const auto length = ReadNumber(file, at + 2, 2, true);
+    if (length < 2) throw file.Bad("corrupt JPEG header: impossible segment length");
+    if (marker == 0xE1 && length >= 2 + kExif.size() && header.exif.empty()) {
+      std::vector<std::uint8_t> segment(length - 2);
+      file.Read(at + 4, segment);
+      if (std::equal(kExif.begin(), kExif.end(), segment.begin()))
+        header.exif.assign(segment.begin() + kExif.size(), segment.end());
+    }
+    const bool is_frame = marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
+    if (is_frame) {
+      const int precision = static_cast<int>(ReadNumber(file, at + 4, 1, true));
+      header.height_px = static_cast<long long>(ReadNumber(file, at + 5, 2, true));
+      header.width_px = static_cast<long long>(ReadNumber(file, at + 7, 2, true));
+      header.channels = static_cast<int>(ReadNumber(file, at + 9, 1, true));
+      header.bits_per_sample = precision;
+      if (precision != 8) throw file.Unsupported(std::to_string(precision) + "-bit JPEG is not read");
+      if (marker == 0xC3 || marker >= 0xC5)
+        throw file.Unsupported("lossless, hierarchical or arithmetic JPEG is not read");
+      if (header.channels == 4) throw file.Unsupported("CMYK JPEG is not read");
+      if (header.channels != 1 && header.channels != 3)
+        throw file.Bad("corrupt JPEG header: impossible number of channels");
+      return header;
+    }
+    at += 2 + length;
+  }
+}
+
+FormatHeader ReadPng(const HeaderFile& file) {
+  FormatHeader header;
+  header.format = ImageFormat::kPng;
+  std::array<std::uint8_t, 25> first;  // length, "IHDR", 13 bytes, CRC
+  file.Read(8, first);
+  if (std::memcmp(first.data() + 4, "IHDR", 4) != 0 || Number(first, 4, true) != 13)
+    throw file.Bad("corrupt PNG header");
+  const auto field = [&](std::size_t offset, int bytes) {
+    return Number(std::span(first).subspan(8 + offset), bytes, true);
+  };
+  header.width_px = static_cast<long long>(field(0, 4));
+  header.height_px = static_cast<long long>(field(4, 4));
+  const auto depth = field(8, 1), color = field(9, 1);
+  header.bits_per_sample = depth == 16 ? 16 : 8;
+  header.channels = color == 0 ? 1 : color == 4 ? 2 : color == 6 ? 4 : 3;
+  const bool plausible = (depth == 1 || depth == 2 || depth == 4 || depth == 8 || depth == 16) &&
+                         (color == 0 || color == 2 || color == 3 || color == 4 || color == 6);
+  if (!plausible) throw file.Bad("corrupt PNG header: impossible sample format");
+  for (std::uint64_t at = 33; at + 12 <= file.size();) {
+    std::array<std::uint8_t, 8> chunk;
+    file.Read(at, chunk);
+    const auto length = Number(chunk, 4, true);
+    const std::string_view type(reinterpret_cast<const char*>(chunk.data()) + 4, 4);
+    if (type == "eXIf" && length <= (1U << 20) && at + 12 + length <= file.size()) {
+      header.exif.resize(length);
+      file.Read(at + 8, header.exif);
+    }
+    if (type == "eXIf" || type == "IEND") break;
+    at += 12 + length;
+  }
+  return header;
+}
+
+/// The numbers of one directory entry of type BYTE, SHORT, LONG or LONG8; at most `limit` of them.
+std::vector<std::uint64_t> TiffValues(const HeaderFile& file, std::uint64_t entry, bool big_endian, bool big_tiff,
+                                      std::size_t limit) {
+  const auto type = ReadNumber(file, entry + 2, 2, big_endian);
+  const int bytes = type == 1 ? 1 : type == 3 ? 2 : type == 4 ? 4 : type == 16 ? 8 : 0;
+  if (bytes == 0) throw file.Bad("corrupt TIFF header: impossible type of a number");
+  const int word = big_tiff ? 8 : 4;
+  const auto count = ReadNumber(file, entry + 4, word, big_endian);
+  const std::uint64_t inline_at = entry + 4 + static_cast<std::uint64_t>(word);
+  const bool is_inline = count <= static_cast<std::uint64_t>(word / bytes);
+  const std::uint64_t at = is_inline ? inline_at : ReadNumber(file, inline_at, word, big_endian);
+  std::vector<std::uint64_t> values;
+  for (std::uint64_t i = 0; i < count && i < limit; ++i)
+    values.push_back(ReadNumber(file, at + i * static_cast<std::uint64_t>(bytes), bytes, big_endian));
+  return values;
+}
+
+FormatHeader ReadTiff(const HeaderFile& file, bool big_endian) {
+  FormatHeader header;
+  header.format = ImageFormat::kTiff;
+  const bool big_tiff = ReadNumber(file, 2, 2, big_endian) == 43;
+  const std::uint64_t directory = big_tiff ? ReadNumber(file, 8, 8, big_endian) : ReadNumber(file, 4, 4, big_endian);
+  const auto entries = ReadNumber(file, directory, big_tiff ? 8 : 2, big_endian);
+  if (entries > 4096) throw file.Bad("corrupt TIFF header: impossible number of tags");
+  std::uint64_t sample_format = 1, photometric = 1;
+  std::vector<std::uint64_t> bits{1};
+  header.channels = 1;
+  for (std::uint64_t i = 0; i < entries; ++i) {
+    const std::uint64_t entry = directory + (big_tiff ? 8 : 2) + i * (big_tiff ? 20 : 12);
+    const auto tag = ReadNumber(file, entry, 2, big_endian);
+    if (tag != 256 && tag != 257 && tag != 258 && tag != 262 && tag != 277 && tag != 339) continue;
+    const auto values = TiffValues(file, entry, big_endian, big_tiff, 16);
+    if (values.empty()) throw file.Bad("corrupt TIFF header: a tag without value");
+    if (tag == 256) header.width_px = static_cast<long long>(std::min<std::uint64_t>(values[0], 1U << 31));
+    if (tag == 257) header.height_px = static_cast<long long>(std::min<std::uint64_t>(values[0], 1U << 31));
+    if (tag == 258) bits = values;
+    if (tag == 262) photometric = values[0];
+    if (tag == 277) header.channels = static_cast<int>(std::min<std::uint64_t>(values[0], 1000));
+    if (tag == 339) sample_format = values[0];
+  }
+  header.bits_per_sample = static_cast<int>(std::min<std::uint64_t>(bits[0], 1000));
+  if (sample_format != 1) throw file.Unsupported("TIFF of signed or floating point samples is not read");
+  if ((bits[0] != 8 && bits[0] != 16) || std::any_of(bits.begin(), bits.end(), [&](auto b) { return b != bits[0]; }))
+    throw file.Unsupported("TIFF of " + std::to_string(header.bits_per_sample) + " bits a sample is not read");
+  if (photometric == 5) throw file.Unsupported("CMYK TIFF is not read");
+  if (photometric != 0 && photometric != 1 && photometric != 2 && photometric != 3 && photometric != 6)
+    throw file.Unsupported("TIFF of colour kind " + std::to_string(photometric) + " is not read");
+  if (photometric == 3) header.channels = 3;
+  if (header.channels < 1 || header.channels > 4)
+    throw file.Unsupported("TIFF of " + std::to_string(header.channels) + " channels is not read");
+  return header;
+}
+
+}  // namespace
+
+FormatHeader ReadFormatHeader(const std::filesystem::path& path) {
+  static constexpr std::array<std::uint8_t, 8> kPngSignature{0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
+  const HeaderFile file(path);
+  std::array<std::uint8_t, 8> magic{};
+  file.Read(0, std::span(magic).first(std::min<std::size_t>(file.size(), magic.size())));
+  if (magic[0] == 0xFF && magic[1] == 0xD8) return ReadJpeg(file);
+  if (magic == kPngSignature) return ReadPng(file);
+  const bool little = magic[0] == 'I' && magic[1] == 'I' && (magic[2] == 42 || magic[2] == 43) && magic[3] == 0;
+  const bool big = magic[0] == 'M' && magic[1] == 'M' && magic[2] == 0 && (magic[3] == 42 || magic[3] == 43);
+  if (little || big) return ReadTiff(file, big);
+  throw Error(ErrorCode::kInvalidInput, path.string(), "is named like an image but is no JPEG, PNG or TIFF",
+              "remove it from the folder or export the image again");
+}
+
+}  // namespace rilievo::io

@@ -1,0 +1,24 @@
+// Content keys of every artifact of an orientation run: known before anything runs, from inputs and options alone.
+#pragma once
+
+#include <vector>
+
+#include "block/block.h"
+#include "engine/artifact_store.h"
+#include "scheduling/orient_options.h"
+#include "scheduling/pair_selection.h"
+
+namespace rilievo::scheduling {
+
+struct OrientKeys {
+  std::vector<engine::ArtifactKey> features;  ///< by image
+  std::vector<PairTile> tiles;
+  std::vector<engine::ArtifactKey> pairs;     ///< by tile
+  engine::ArtifactKey orientation;
+};
+
+/// Keys depend on the content of the images, the cameras, the options and the stage versions; not on names, folders,
+/// memory, threads or time.
+OrientKeys ComputeKeys(const Block& block, const OrientOptions& options);
+
+}  // namespace rilievo::scheduling

@@ -1,0 +1,23 @@
+// The options of an orientation run, one group a stage.
+#pragma once
+
+#include "scheduling/pair_selection.h"
+#include "stages/features/sift.h"
+#include "stages/mapping/mapping.h"
+#include "stages/matching/matching.h"
+#include "stages/verification/verification.h"
+
+namespace rilievo::scheduling {
+
+struct OrientOptions {
+  Network network = Network::kSparse;
+  features::Options features;
+  matching::Options matching;
+  verification::Options verification;
+  mapping::Options mapping;
+};
+
+/// Throws Error(kUsage) naming the first option out of range.
+void Validate(const OrientOptions& options);
+
+}  // namespace rilievo::scheduling

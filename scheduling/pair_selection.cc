@@ -1,0 +1,44 @@
+// All pairs, sequence pairs, and tiles of the pair matrix.
+#include "scheduling/pair_selection.h"
+
+#include <algorithm>
+#include <map>
+#include <tuple>
+#include <utility>
+
+namespace rilievo::scheduling {
+
+std::vector<ImagePair> SelectPairs(std::size_t image_count, Network network) {
+  std::vector<ImagePair> pairs;
+  for (std::uint32_t i = 0; i < image_count; ++i) {
+    const std::size_t end = network == Network::kSequence ? std::min<std::size_t>(i + 3, image_count) : image_count;
+    for (std::uint32_t j = i + 1; j < end; ++j) pairs.push_back({ImageId(i), ImageId(j)});
+  }
+  return pairs;
+}
+
+std::size_t TileEdge(std::size_t image_count) { return image_count <= 40 ? 2 : 4; }
+
+std::vector<PairTile> TilePairs(const std::vector<ImagePair>& pairs, std::size_t tile_edge) {
+  std::map<std::pair<std::size_t, std::size_t>, PairTile> by_place;  // (column block, row block)
+  for (const ImagePair& pair : pairs) {
+    PairTile& tile = by_place[{pair.second.value / tile_edge, pair.first.value / tile_edge}];
+    tile.pairs.push_back(pair);
+    tile.images.push_back(pair.first);
+    tile.images.push_back(pair.second);
+  }
+  std::vector<PairTile> tiles;
+  tiles.reserve(by_place.size());
+  for (auto& [place, tile] : by_place) {
+    std::sort(tile.images.begin(), tile.images.end());
+    tile.images.erase(std::unique(tile.images.begin(), tile.images.end()), tile.images.end());
+    std::sort(tile.pairs.begin(), tile.pairs.end());
+    tiles.push_back(std::move(tile));
+  }
+  std::stable_sort(tiles.begin(), tiles.end(), [](const PairTile& a, const PairTile& b) {
+    return std::tie(a.images.back(), a.images.front()) < std::tie(b.images.back(), b.images.front());
+  });
+  return tiles;
+}
+
+}  // namespace rilievo::scheduling

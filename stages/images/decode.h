@@ -1,0 +1,26 @@
+// Decodes the photographs of a folder to grey (and RGB) pixels.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "block/pixels.h"
+
+namespace rilievo::images {
+
+/// Files below `folder`, by name relative to it. JPEG, PNG and TIFF of 8 or 16 bits, grey or colour, pixels as stored;
+/// alpha is dropped. Grey of a colour image is Y of ITU-R BT.601 and does not depend on `with_color`; 16-bit images
+/// keep 16 bits in grey and give 8 bits in RGB. Load throws Error for a file that is truncated, corrupt or of a kind
+/// that is not read, even where a library would give part of the pixels. Nothing is printed. May run in several tasks
+/// at once.
+class FolderPixelSource : public PixelSource {
+ public:
+  explicit FolderPixelSource(std::filesystem::path folder) : folder_(std::move(folder)) {}
+  GreyImage Load(const std::string& image_name, bool with_color) const override;
+  std::uint64_t LoadPeakBytes(int width_px, int height_px, int channels, int bits_per_sample) const override;
+
+ private:
+  std::filesystem::path folder_;
+};
+
+}  // namespace rilievo::images

@@ -1,0 +1,207 @@
+// Packs descriptors for a kernel, sweeps block by block and decodes its keys (docs/decisions/0006-matching.md).
+#include "stages/matching/two_nearest.h"
+
+#include <algorithm>
+#include <cstring>
+#include <new>
+
+namespace rilievo::matching {
+namespace {
+
+constexpr int kIndexBits = 11;
+constexpr std::size_t kIndexCount = std::size_t{1} << kIndexBits;
+/// Rows of a sweep: their words and keys (at most 320 bytes a row) stay in the second-level cache; a multiple of 4
+/// and 6.
+constexpr std::size_t kRowsPerBlock = 1008;
+/// Rows of the scalar reference between two polls for a stop, against all columns.
+constexpr std::size_t kScalarComparisonsPerPoll = 1'000'000;
+static_assert(2 * std::int64_t{kLargestKeyNorm_sq} * (1 << kIndexBits) + 2 * (1 << kIndexBits) < BestTwo::kNone);
+static_assert(kRowsPerBlock <= kIndexCount);
+
+/// Starts vectors on a cache line, so that no 64-byte load of a kernel straddles two.
+template <class T>
+struct LineAllocator {
+  using value_type = T;
+  static constexpr std::align_val_t kLine{64};
+  T* allocate(std::size_t count) { return static_cast<T*>(::operator new(count * sizeof(T), kLine)); }
+  void deallocate(T* memory, std::size_t) { ::operator delete(memory, kLine); }
+  friend bool operator==(LineAllocator, LineAllocator) { return true; }
+};
+
+template <class T>
+using LineVector = std::vector<T, LineAllocator<T>>;
+
+struct Moments {
+  std::int32_t sum = 0, norm_sq = 0;
+};
+
+Moments MomentsOf(const SiftDescriptor& descriptor) {
+  Moments m;
+  for (const std::int32_t value : descriptor) {
+    m.sum += value;
+    m.norm_sq += value * value;
+  }
+  return m;
+}
+
+std::int32_t LargestNorm(std::span<const SiftDescriptor> descriptors) {
+  std::int32_t largest = 0;
+  for (const auto& d : descriptors) largest = std::max(largest, MomentsOf(d).norm_sq);
+  return largest;
+}
+
+/// Arithmetic of keys is modulo 2^32: intermediate values may wrap, the keys themselves fit.
+std::int32_t Wrap(std::uint32_t value) { return static_cast<std::int32_t>(value); }
+
+/// Writes the words of one descriptor at out, out + stride, ...
+void WriteWords(const SiftDescriptor& descriptor, Encoding encoding, std::uint8_t flip, std::uint32_t* out,
+                std::size_t stride) {
+  if (encoding == Encoding::kBytes) {
+    const std::uint32_t flips = flip * 0x01010101U;
+    for (std::size_t k = 0; k < 32; ++k) {
+      std::uint32_t word = 0;
+      std::memcpy(&word, descriptor.data() + 4 * k, 4);
+      out[k * stride] = word ^ flips;
+    }
+    return;
+  }
+  for (std::size_t k = 0; k < 64; ++k)
+    out[k * stride] = descriptor[2 * k] | (std::uint32_t{descriptor[2 * k + 1]} << 16);
+}
+
+/// Columns of one sweep, at most what eleven index bits can name, packed in panels.
+struct PackedColumns {
+  std::size_t begin = 0, count = 0, panel_count = 0;
+  LineVector<std::uint32_t> panels;
+  LineVector<std::int32_t> bases, keys;
+};
+
+PackedColumns Pack(std::span<const SiftDescriptor> b, std::size_t begin, std::size_t count, const Kernel& kernel) {
+  const std::size_t width = kernel.PanelColumns();
+  PackedColumns packed{.begin = begin,
+                       .count = count,
+                       .panel_count = (count + width - 1) / width,
+                       .panels = {},
+                       .bases = {},
+                       .keys = {}};
+  packed.panels.assign(packed.panel_count * width * kernel.Words(), 0);
+  // Columns beyond the last are zero and carry the largest key: they never displace a real one.
+  packed.bases.assign(packed.panel_count * width, BestTwo::kNone);
+  packed.keys.resize(2 * packed.panel_count * width);
+  for (std::size_t j = 0; j < count; ++j) {
+    const SiftDescriptor& descriptor = b[begin + j];
+    WriteWords(descriptor, kernel.encoding, 0, packed.panels.data() + (j / width) * width * kernel.Words() + j % width,
+               width);
+    const Moments m = MomentsOf(descriptor);
+    const std::int32_t c = m.norm_sq - (kernel.encoding == Encoding::kBytes ? 256 * m.sum : 0);
+    packed.bases[j] =
+        Wrap((static_cast<std::uint32_t>(c) << kIndexBits) + static_cast<std::uint32_t>(j / kernel.lanes));
+  }
+  return packed;
+}
+
+struct PackedRows {
+  LineVector<std::uint32_t> words;
+  LineVector<std::int32_t> constants, norms_sq, keys;
+};
+
+PackedRows Pack(std::span<const SiftDescriptor> rows, const Kernel& kernel) {
+  PackedRows packed;
+  packed.words.resize(rows.size() * kernel.Words());
+  packed.keys.assign(rows.size() * 2 * kernel.lanes, BestTwo::kNone);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    WriteWords(rows[i], kernel.encoding, 0x80, packed.words.data() + i * kernel.Words(), 1);
+    const std::int32_t norm_sq = MomentsOf(rows[i]).norm_sq;
+    packed.norms_sq.push_back(norm_sq);
+    packed.constants.push_back(
+        Wrap((static_cast<std::uint32_t>(norm_sq) << kIndexBits) + static_cast<std::uint32_t>(i)));
+  }
+  return packed;
+}
+
+/// Takes one more neighbour into account; ties go to the lower index, so the order of the offers is free.
+void Offer(BestTwo& best, std::int32_t distance_sq, std::uint32_t index) {
+  if (distance_sq < best.first_sq || (distance_sq == best.first_sq && index < best.index)) {
+    best = {.first_sq = distance_sq, .second_sq = best.first_sq, .index = index};
+  } else if (distance_sq < best.second_sq) {
+    best.second_sq = distance_sq;
+  }
+}
+
+/// A row key is (d^2 - |a|^2) << 11 plus the number of the vector, counted over the panels; the lane says the rest.
+void DecodeRows(const PackedRows& rows, std::size_t column_begin, const Kernel& kernel, std::span<BestTwo> of_a) {
+  for (std::size_t i = 0; i < of_a.size(); ++i) {
+    for (std::size_t slot = 0; slot < 2 * kernel.lanes; ++slot) {
+      const std::int32_t key = rows.keys[i * 2 * kernel.lanes + slot];
+      if (key == BestTwo::kNone) continue;
+      const std::size_t vector = static_cast<std::uint32_t>(key) % kIndexCount;
+      Offer(of_a[i], (key >> kIndexBits) + rows.norms_sq[i],
+            static_cast<std::uint32_t>(column_begin + vector * kernel.lanes + slot % kernel.lanes));
+    }
+  }
+}
+
+/// A column key is d^2 << 11 plus the numbers of the vector (known from the place) and of the row in its block.
+void DecodeColumns(const PackedColumns& columns, std::size_t row_begin, const Kernel& kernel, std::span<BestTwo> of_b) {
+  for (std::size_t j = 0; j < columns.count; ++j) {
+    const std::size_t vector = j / kernel.lanes;
+    for (std::size_t rank = 0; rank < 2; ++rank) {
+      const std::int32_t key = columns.keys[(2 * vector + rank) * kernel.lanes + j % kernel.lanes];
+      if (key == BestTwo::kNone) continue;
+      const std::int32_t plain = key - static_cast<std::int32_t>(vector);
+      Offer(of_b[columns.begin + j], plain >> kIndexBits,
+            static_cast<std::uint32_t>(row_begin + static_cast<std::uint32_t>(plain) % kIndexCount));
+    }
+  }
+}
+
+void CompareAllScalar(std::span<const SiftDescriptor> a, std::span<const SiftDescriptor> b, NeighborTable& table,
+                      const RunContext& context) {
+  const std::size_t step = 1 + kScalarComparisonsPerPoll / (b.size() + 1);
+  for (std::size_t row = 0; row < a.size(); row += step) {
+    context.ThrowIfStopped();
+    CompareScalar(a.front().data(), row, std::min(row + step, a.size()), b.front().data(), b.size(), table.of_a.data(),
+                  table.of_b.data());
+  }
+}
+
+}  // namespace
+
+std::size_t TwoNearestBytes(std::size_t a, std::size_t b) {
+  constexpr std::size_t kMostColumns = kIndexCount * 16, kBytesPerColumn = 256 + 4 + 8,
+                        kBytesPerRow = 256 + 128 + 8 + 8;
+  return sizeof(BestTwo) * (a + b) + kBytesPerColumn * (std::min(b, kMostColumns) + 64) + kBytesPerRow * kRowsPerBlock;
+}
+
+NeighborTable FindTwoNearest(std::span<const SiftDescriptor> a, std::span<const SiftDescriptor> b, const Kernel& kernel,
+                             const RunContext& context) {
+  NeighborTable table{.of_a = std::vector<BestTwo>(a.size()), .of_b = std::vector<BestTwo>(b.size())};
+  if (a.empty() || b.empty()) return table;
+  if (kernel.sweep == nullptr || std::max(LargestNorm(a), LargestNorm(b)) > kLargestKeyNorm_sq) {
+    CompareAllScalar(a, b, table, context);
+    return table;
+  }
+  const std::size_t columns_per_sweep = kIndexCount * kernel.lanes;
+  for (std::size_t column = 0; column < b.size(); column += columns_per_sweep) {
+    PackedColumns columns = Pack(b, column, std::min(columns_per_sweep, b.size() - column), kernel);
+    for (std::size_t row = 0; row < a.size(); row += kRowsPerBlock) {
+      context.ThrowIfStopped();
+      const std::size_t count = std::min(kRowsPerBlock, a.size() - row);
+      PackedRows rows = Pack(a.subspan(row, count), kernel);
+      std::fill(columns.keys.begin(), columns.keys.end(), BestTwo::kNone);
+      kernel.sweep({.rows = rows.words.data(),
+                    .row_count = count,
+                    .row_constants = rows.constants.data(),
+                    .panels = columns.panels.data(),
+                    .panel_count = columns.panel_count,
+                    .column_bases = columns.bases.data(),
+                    .row_keys = rows.keys.data(),
+                    .column_keys = columns.keys.data()});
+      DecodeRows(rows, column, kernel, std::span(table.of_a).subspan(row, count));
+      DecodeColumns(columns, row, kernel, table.of_b);
+    }
+  }
+  return table;
+}
+
+}  // namespace rilievo::matching

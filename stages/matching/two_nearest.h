@@ -1,0 +1,29 @@
+// The two nearest neighbours of every descriptor of two images in the other one.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "base/run_context.h"
+#include "block/features.h"
+#include "stages/matching/matching_kernels.h"
+
+namespace rilievo::matching {
+
+struct NeighborTable {
+  std::vector<BestTwo> of_a;  ///< one entry a descriptor of a, neighbours in b
+  std::vector<BestTwo> of_b;  ///< one entry a descriptor of b, neighbours in a
+};
+
+/// Exact; the same table from every kernel. Descriptors whose squared norm exceeds kLargestKeyNorm_sq (SIFT's is near
+/// 512^2) are compared by the scalar reference whatever the kernel. Cost: one sweep of |a| x |b| dot products.
+NeighborTable FindTwoNearest(std::span<const SiftDescriptor> a, std::span<const SiftDescriptor> b, const Kernel& kernel,
+                             const RunContext& context);
+
+/// Keys are 32 bits: squared distances up to twice this, eleven bits of index and the sum of two indices must fit.
+inline constexpr std::int32_t kLargestKeyNorm_sq = 520'000;
+
+/// Upper bound of the bytes that FindTwoNearest holds, its result included, for the kernel that needs most.
+std::size_t TwoNearestBytes(std::size_t a, std::size_t b);
+
+}  // namespace rilievo::matching

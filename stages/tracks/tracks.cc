@@ -1,0 +1,192 @@
+// Concatenates verified matches into tracks: union-find that refuses two features of one image in one track.
+#include "stages/tracks/tracks.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <numeric>
+#include <utility>
+
+#include "base/check.h"
+
+namespace rilievo::tracks {
+namespace {
+
+constexpr std::size_t kMatchesBetweenPolls = 1 << 16;
+
+/// Verified pairs, strongest first. The comparison is total up to equal content, so the order of the input is
+/// forgotten.
+std::vector<const TwoViewGeometry*> PairsByDescendingSupport(std::span<const TwoViewGeometry> pairs) {
+  std::vector<const TwoViewGeometry*> order;
+  for (const auto& pair : pairs) {
+    if (!pair.IsVerified() || pair.inliers.empty()) continue;
+    RILIEVO_CHECK(pair.pair.first < pair.pair.second && pair.pair.second.IsValid());
+    order.push_back(&pair);
+  }
+  std::sort(order.begin(), order.end(), [](const TwoViewGeometry* a, const TwoViewGeometry* b) {
+    if (a->inliers.size() != b->inliers.size()) return a->inliers.size() > b->inliers.size();
+    if (a->pair != b->pair) return a->pair < b->pair;
+    return a->inliers < b->inliers;
+  });
+  return order;
+}
+
+/// The features that occur in matches, numbered in the order (image, feature): node = position in `features`.
+class Nodes {
+ public:
+  explicit Nodes(const std::vector<const TwoViewGeometry*>& pairs) {
+    std::uint32_t images = 0;
+    for (const auto* p : pairs) images = std::max(images, p->pair.second.value + 1);
+    first_node_.assign(images + std::size_t{1}, 0);
+    for (const auto* p : pairs) {
+      first_node_[p->pair.first.value + 1] += p->inliers.size();
+      first_node_[p->pair.second.value + 1] += p->inliers.size();
+    }
+    std::partial_sum(first_node_.begin(), first_node_.end(), first_node_.begin());
+    features_.resize(first_node_.back());
+    std::vector<std::size_t> next(first_node_.begin(), first_node_.end() - 1);
+    for (const auto* p : pairs) {
+      for (const Match& m : p->inliers) {
+        features_[next[p->pair.first.value]++] = m.first;
+        features_[next[p->pair.second.value]++] = m.second;
+      }
+    }
+    DropRepetitions();
+  }
+
+  std::size_t Count() const { return features_.size(); }
+  std::size_t Images() const { return first_node_.size() - 1; }
+  std::uint32_t Feature(std::size_t node) const { return features_[node]; }
+  std::size_t FirstNode(std::size_t image) const { return first_node_[image]; }
+  std::uint32_t Find(ImageId image, std::uint32_t feature) const {
+    const auto begin = features_.begin() + static_cast<std::ptrdiff_t>(first_node_[image.value]);
+    const auto end = features_.begin() + static_cast<std::ptrdiff_t>(first_node_[image.value + 1]);
+    return static_cast<std::uint32_t>(std::lower_bound(begin, end, feature) - features_.begin());
+  }
+
+ private:
+  void DropRepetitions() {
+    std::size_t kept = 0;
+    for (std::size_t image = 0; image + 1 < first_node_.size(); ++image) {
+      const auto begin = features_.begin() + static_cast<std::ptrdiff_t>(first_node_[image]);
+      const auto end = features_.begin() + static_cast<std::ptrdiff_t>(first_node_[image + 1]);
+      std::sort(begin, end);
+      const auto unique_end = std::unique(begin, end);
+      first_node_[image] = kept;
+      std::copy(begin, unique_end, features_.begin() + static_cast<std::ptrdiff_t>(kept));
+      kept += static_cast<std::size_t>(unique_end - begin);
+    }
+    first_node_.back() = kept;
+    features_.resize(kept);
+  }
+
+  std::vector<std::size_t> first_node_;  ///< by image; one more entry for the end
+  std::vector<std::uint32_t> features_;
+};
+
+/// Disjoint sets whose members are also strung on a ring, so that the images of a set can be listed before a merge.
+class Components {
+ public:
+  explicit Components(const Nodes& nodes)
+      : parent_(nodes.Count()),
+        next_(nodes.Count()),
+        size_(nodes.Count(), 1),
+        image_(nodes.Count()),
+        seen_(nodes.Images(), 0) {
+    std::iota(parent_.begin(), parent_.end(), 0U);
+    next_ = parent_;
+    for (std::size_t image = 0; image < nodes.Images(); ++image) {
+      std::fill(image_.begin() + static_cast<std::ptrdiff_t>(nodes.FirstNode(image)),
+                image_.begin() + static_cast<std::ptrdiff_t>(nodes.FirstNode(image + 1)),
+                static_cast<std::uint32_t>(image));
+    }
+  }
+
+  std::uint32_t Root(std::uint32_t node) {
+    while (parent_[node] != node) node = parent_[node] = parent_[parent_[node]];
+    return node;
+  }
+
+  std::uint32_t Size(std::uint32_t root) const { return size_[root]; }
+  std::uint32_t Image(std::size_t node) const { return image_[node]; }
+
+  /// Merges the sets of two nodes unless both hold a feature of one image. Cost: the sizes of the two sets.
+  void MergeUnlessConflict(std::uint32_t a, std::uint32_t b) {
+    a = Root(a);
+    b = Root(b);
+    if (a == b) return;
+    if (size_[a] < size_[b]) std::swap(a, b);
+    if (ShareAnImage(a, b)) return;
+    parent_[b] = a;
+    size_[a] += size_[b];
+    std::swap(next_[a], next_[b]);
+  }
+
+ private:
+  bool ShareAnImage(std::uint32_t a, std::uint32_t b) {
+    ++stamp_;
+    std::uint32_t node = b;
+    do {
+      seen_[image_[node]] = stamp_;
+      node = next_[node];
+    } while (node != b);
+    node = a;
+    do {
+      if (seen_[image_[node]] == stamp_) return true;
+      node = next_[node];
+    } while (node != a);
+    return false;
+  }
+
+  std::vector<std::uint32_t> parent_, next_, size_, image_;
+  std::vector<std::uint64_t> seen_;  ///< by image: the last test that met it
+  std::uint64_t stamp_ = 0;
+};
+
+/// Nodes ascend in (image, feature), so tracks come out sorted by their first element and elements by image.
+std::vector<Track> Collect(const Nodes& nodes, Components& components) {
+  constexpr std::uint32_t kNoTrack = 0xffffffffU;
+  std::vector<std::uint32_t> track_of_root(nodes.Count(), kNoTrack);
+  std::vector<Track> tracks;
+  for (std::uint32_t node = 0; node < nodes.Count(); ++node) {
+    const std::uint32_t root = components.Root(node);
+    if (components.Size(root) < 2) continue;
+    if (track_of_root[root] == kNoTrack) {
+      track_of_root[root] = static_cast<std::uint32_t>(tracks.size());
+      tracks.emplace_back().elements.reserve(components.Size(root));
+    }
+    tracks[track_of_root[root]].elements.push_back({ImageId(components.Image(node)), nodes.Feature(node)});
+  }
+  return tracks;
+}
+
+}  // namespace
+
+TaskCost Estimate(std::size_t matches_in_all) {
+  // A match brings at most two nodes (feature 4 bytes, sets 16, track number 4) and half of it in tracks: element 8
+  // bytes each, and at most one track (vector 24, doubled while it grows, heap block 16) for two nodes.
+  constexpr std::uint64_t kBytesPerNode = 4 + 16 + 4 + 8;
+  constexpr std::uint64_t kBytesPerTrack = 3 * 24 + 24;
+  const auto matches = static_cast<std::uint64_t>(matches_in_all);
+  return {.peak_bytes = (1 << 20) + matches * (2 * kBytesPerNode + kBytesPerTrack),
+          .work = 2e-7 * static_cast<double>(matches_in_all)};
+}
+
+std::vector<Track> Run(std::span<const TwoViewGeometry> pairs, RunContext& context) {
+  const auto order = PairsByDescendingSupport(pairs);
+  const Nodes nodes(order);
+  Components components(nodes);
+  std::size_t since_poll = 0;
+  for (const TwoViewGeometry* pair : order) {
+    for (const Match& match : pair->inliers) {
+      if (++since_poll == kMatchesBetweenPolls) {
+        context.ThrowIfStopped();
+        since_poll = 0;
+      }
+      components.MergeUnlessConflict(nodes.Find(pair->pair.first, match.first),
+                                     nodes.Find(pair->pair.second, match.second));
+    }
+  }
+  return Collect(nodes, components);
+}
+
+}  // namespace rilievo::tracks

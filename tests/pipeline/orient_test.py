@@ -1,0 +1,126 @@
+"""The main job on a small simulated block: orientation, report, exports, reruns, and what users do to a workspace."""
+import json
+import shutil
+import threading
+
+from rilievo_test import ProgramTest, artifacts, main, rilievo
+
+
+class Orient(ProgramTest):
+    def test_orients_reports_and_exports(self):
+        done = self.orient()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = self.report()
+        self.assertEqual(report["oriented"], 6)
+        self.assertEqual(len(report["models"]), 1)
+        self.assertGreater(report["models"][0]["points"], 200)
+        self.assertLess(report["models"][0]["sigma0_px"], 1.0)
+        truth = rilievo("report", self.scratch / "workspace", "--json", "--truth", self.block / "scene.json")
+        self.assertLess(json.loads(truth.stdout)["truth"]["mean_centre_error_relative"], 1 / 2000)
+        for form, names in (("colmap-text", {"cameras.txt", "images.txt", "points3D.txt"}), ("colmap-binary", {"cameras.bin", "images.bin", "points3D.bin"})):
+            self.assertLessEqual(names, set(self.export(form=form, name=form)))
+        self.assertTrue(self.export(form="bundler", name="bundler"))
+        self.assertTrue(self.export(form="ply", name="ply"))
+        info = rilievo("info", self.scratch / "workspace")
+        self.assertIn("6 of 6 images", info.stdout)
+
+    def test_straight_from_the_scene_file_without_disk(self):
+        done = self.orient(self.block / "scene.json", False)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(self.report()["oriented"], 6)
+
+    def test_the_same_command_again_does_nothing_and_says_so(self):
+        self.orient()
+        before = artifacts(self.scratch / "workspace")
+        again = self.orient()
+        self.assertEqual(again.returncode, 0)
+        self.assertIn("nothing to do", again.stdout)
+        self.assertEqual(before, artifacts(self.scratch / "workspace"))
+
+    def test_threads_and_executors_give_the_same_bytes(self):
+        exports = []
+        for k, options in enumerate((["--threads", "1"], ["--threads", "2"], ["--serial"])):
+            workspace = self.scratch / f"w{k}"
+            self.assertEqual(self.orient(None, None, workspace, *options).returncode, 0)
+            exports.append(self.export(workspace, name=f"e{k}"))
+        self.assertEqual(exports[0], exports[1])
+        self.assertEqual(exports[0], exports[2])
+
+    def test_a_damaged_artifact_is_made_again(self):
+        self.orient()
+        expected = self.export()
+        workspace = self.scratch / "workspace"
+        for stage in ("features", "pairs", "orientation"):
+            victim = next((workspace / "artifacts" / stage).rglob("*.art"))
+            content = bytearray(victim.read_bytes())
+            content[len(content) // 2] ^= 1
+            victim.write_bytes(content)
+        self.assertEqual(self.orient().returncode, 0)
+        self.assertEqual(expected, self.export(name="again"))
+        self.assertTrue(any((workspace / "artifacts" / "quarantine").iterdir()))
+
+    def test_two_programs_in_one_workspace(self):
+        results = []
+        threads = [threading.Thread(target=lambda: results.append(self.orient())) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertEqual([r.returncode for r in results], [0, 0], [r.stderr for r in results])
+        self.assertEqual(self.report()["oriented"], 6)
+
+    def test_an_image_folder_that_moved(self):
+        photos = self.copy_images()
+        self.orient(photos)
+        before = artifacts(self.scratch / "workspace")
+        moved = photos.rename(self.scratch / "moved")
+        self.assertEqual(self.report()["oriented"], 6)
+        info = rilievo("info", self.scratch / "workspace")
+        self.assertIn("not there any more", info.stdout)
+        self.assertIn("nothing to do", self.orient(moved).stdout)
+        self.assertEqual(before, artifacts(self.scratch / "workspace"))
+
+    def test_a_workspace_of_another_version(self):
+        self.orient()
+        record = self.scratch / "workspace" / "run.json"
+        content = json.loads(record.read_text())
+        content["version"] = 0
+        record.write_text(json.dumps(content))
+        self.assert_one_line(self.orient(), "format 0", "new --workspace")
+        self.assert_one_line(rilievo("report", self.scratch / "workspace"), "format 0")
+
+    def test_a_path_with_spaces_and_other_letters(self):
+        photos = self.copy_images("Fotografie dell'Arco – Übersicht")
+        workspace = self.scratch / "là già"
+        calibration = shutil.copy(self.calibration, self.scratch / "câmera 1.toml")
+        self.assertEqual(self.orient(photos, calibration, workspace).returncode, 0)
+        self.assertEqual(self.report(workspace)["oriented"], 6)
+
+    def test_sequence_mode_matches_only_the_triplets_pairs(self):
+        self.assertEqual(self.orient(None, None, None, "--network", "sequence").returncode, 0)
+        report = self.report()
+        self.assertEqual(report["pairs"], 2 * 6 - 3)
+        self.assertEqual(report["oriented"], 6)
+
+    def test_plan_says_what_it_would_do(self):
+        done = rilievo("plan", self.images, "--calibration", self.calibration, "--memory", "2GiB")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for word in ("pairs", "15", "memory", "disk", "time"):
+            self.assertIn(word, done.stdout)
+
+    def test_trace_and_json_progress(self):
+        trace = self.scratch / "trace.json"
+        done = self.orient(None, None, None, "--trace", trace, "--progress", "json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        events = json.loads(trace.read_text())
+        spans = [e for e in (events["traceEvents"] if isinstance(events, dict) else events) if e.get("ph") == "X"]
+        self.assertEqual(sum(1 for e in spans if e.get("cat") == "features"), 6)
+        for line in done.stderr.splitlines():
+            if line.startswith("{"):
+                json.loads(line)
+        quiet = self.orient(None, None, self.scratch / "other", "--quiet")
+        self.assertEqual((quiet.stdout, quiet.stderr), ("", ""))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,51 @@
+// Pairs and tiles: every pair once, in a fixed order, for any block size and tile edge.
+#include "scheduling/pair_selection.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <set>
+
+namespace rilievo::scheduling {
+namespace {
+
+TEST(SelectPairs, CountsAreThoseOfTheMethod) {
+  for (std::size_t n = 0; n < 40; ++n) {
+    EXPECT_EQ(SelectPairs(n, Network::kSparse).size(), n * (n - (n > 0)) / 2);
+    EXPECT_EQ(SelectPairs(n, Network::kSequence).size(), n < 2 ? 0 : n == 2 ? 1 : 2 * n - 3);
+  }
+}
+
+TEST(SelectPairs, EveryTripletOfASequenceHasItsThreePairs) {
+  const auto pairs = SelectPairs(12, Network::kSequence);
+  for (std::uint32_t i = 0; i + 2 < 12; ++i)
+    for (const auto& [a, b] : {std::pair{i, i + 1}, std::pair{i + 1, i + 2}, std::pair{i, i + 2}})
+      EXPECT_TRUE(std::binary_search(pairs.begin(), pairs.end(), ImagePair{ImageId(a), ImageId(b)}));
+}
+
+TEST(TilePairs, VisitsEachPairOnceWithItsImages) {
+  for (const Network network : {Network::kSparse, Network::kSequence}) {
+    for (std::size_t n : {2, 3, 7, 16, 41}) {
+      for (std::size_t edge : {1, 2, 3, 4, 8}) {
+        const auto pairs = SelectPairs(n, network);
+        std::multiset<ImagePair> seen;
+        ImageId last(0);
+        for (const PairTile& tile : TilePairs(pairs, edge)) {
+          EXPECT_LE(tile.images.size(), 2 * edge);
+          EXPECT_TRUE(std::is_sorted(tile.images.begin(), tile.images.end()));
+          EXPECT_LE(last, tile.images.back()) << "a tile must not come before one that can start earlier";
+          last = tile.images.back();
+          for (const ImagePair& pair : tile.pairs) {
+            seen.insert(pair);
+            for (const ImageId id : {pair.first, pair.second})
+              EXPECT_TRUE(std::binary_search(tile.images.begin(), tile.images.end(), id));
+          }
+        }
+        EXPECT_EQ(std::multiset<ImagePair>(pairs.begin(), pairs.end()), seen);
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace rilievo::scheduling
