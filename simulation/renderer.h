@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "block/pixels.h"
+#include "simulation/image_sampler.h"
 #include "simulation/ray_caster.h"
 #include "simulation/scene.h"
 #include "simulation/surface.h"
@@ -20,16 +21,11 @@ struct DepthImage {
   std::vector<float> depth_m;
 };
 
-/// A window of an image: columns x..x+width, rows y..y+height.
-struct Window {
-  int x_px = 0, y_px = 0, width_px = 0, height_px = 0;
-};
-
 /// Holds the surface and its ray caster. All methods are const, thread safe and give the same bytes on every call.
 ///
-/// Image formation: radiance = exposure * shade * albedo, sampled at the pixels' centres (or samples^2 rays a pixel) with a
-/// texture whose octaves fade out by the larger axis of the pixel's footprint on the surface; pixels at silhouettes are
-/// sampled 4 x 4. Then vignetting, Gaussian blur, quantisation with noise.
+/// Image formation: radiance = exposure * shade * albedo with a texture whose octaves fade out by the footprint of its
+/// samples on the surface, weighed by the point spread function (pixel's box and Gaussian), see image_sampler.h. Then
+/// vignetting, noise and quantisation.
 class Renderer {
  public:
   /// Builds the mesh and the ray caster. Throws Error when memory is short.
@@ -41,10 +37,10 @@ class Renderer {
   const Scene& scene() const { return scene_; }
   const Surface& surface() const { return surface_; }
 
-  /// The whole image as a camera would store it. Cost about 0.25 us a pixel and sample.
+  /// The whole image as a camera would store it. Cost about 0.25 us a pixel.
   GreyImage RenderGrey(std::size_t image) const;
-  /// Noise-free radiance with blur and vignetting in [0, 1] of a window, with `samples` rays a pixel along each axis;
-  /// row-major. With samples s the texture is faded for a footprint of 1/s pixel: a converging reference.
+  /// Noise-free radiance of a window (full range = 1), row-major. `samples` = 1: what RenderGrey quantises; 4, 8, 12...: the
+  /// reference with that many rays a pixel along each axis.
   std::vector<float> RenderRadiance(std::size_t image, const Window& window, int samples) const;
   DepthImage RenderDepth(std::size_t image) const;
 

@@ -177,7 +177,6 @@ std::span<const OptionDeclaration<SceneOptions>> SceneOptionDeclarations() {
       {.name = "bits", .member = &O::bits, .min = 8, .max = 16, .unit = "", .help = "bits a pixel: 8 or 16"},
       {.name = "format", .member = &O::format, .unit = "", .help = "format of the image files", .choices = {"jpg", "png", "tif"}},
       {.name = "surface-points", .member = &O::surface_points, .min = 100, .max = 50000000, .unit = "", .help = "vertices of the surface's mesh, about"},
-      {.name = "samples", .member = &O::samples, .min = 1, .max = 32, .unit = "", .help = "rays a pixel along each axis"},
       {.name = "seed", .member = &O::seed, .min = 0, .max = 2147483647, .unit = "", .help = "another seed is another object and another network"},
   };
   return kDeclarations;

@@ -31,7 +31,6 @@ struct SceneOptions {
   int bits = 8;
   std::string format = "jpg";  ///< jpg | png | tif
   int surface_points = 500000;
-  int samples = 1;  ///< rays a pixel along each axis
   int seed = 1;
 };
 
