@@ -86,58 +86,61 @@ class Nodes {
 /// Disjoint sets whose members are also strung on a ring, so that the images of a set can be listed before a merge.
 class Components {
  public:
-  explicit Components(const Nodes& nodes)
-      : parent_(nodes.Count()),
-        next_(nodes.Count()),
-        size_(nodes.Count(), 1),
-        image_(nodes.Count()),
-        seen_(nodes.Images(), 0) {
-    std::iota(parent_.begin(), parent_.end(), 0U);
-    next_ = parent_;
-    for (std::size_t image = 0; image < nodes.Images(); ++image) {
-      std::fill(image_.begin() + static_cast<std::ptrdiff_t>(nodes.FirstNode(image)),
-                image_.begin() + static_cast<std::ptrdiff_t>(nodes.FirstNode(image + 1)),
-                static_cast<std::uint32_t>(image));
+  explicit Components(const Nodes& nodes) : members_(nodes.Count()), seen_(nodes.Images(), 0) {
+    for (std::uint32_t image = 0; image < nodes.Images(); ++image) {
+      for (std::size_t node = nodes.FirstNode(image); node < nodes.FirstNode(image + std::size_t{1}); ++node) {
+        const auto self = static_cast<std::uint32_t>(node);
+        members_[node] = {
+            .images_mod_64 = std::uint64_t{1} << (image % 64), .parent = self, .next = self, .size = 1, .image = image};
+      }
     }
   }
 
   std::uint32_t Root(std::uint32_t node) {
-    while (parent_[node] != node) node = parent_[node] = parent_[parent_[node]];
+    while (members_[node].parent != node) node = members_[node].parent = members_[members_[node].parent].parent;
     return node;
   }
 
-  std::uint32_t Size(std::uint32_t root) const { return size_[root]; }
-  std::uint32_t Image(std::size_t node) const { return image_[node]; }
+  std::uint32_t Size(std::uint32_t root) const { return members_[root].size; }
+  std::uint32_t Image(std::size_t node) const { return members_[node].image; }
 
-  /// Merges the sets of two nodes unless both hold a feature of one image. Cost: the sizes of the two sets.
+  /// Merges the sets of two nodes unless both hold a feature of one image. Cost: the sizes of the two sets when images
+  /// of theirs agree modulo 64, else constant.
   void MergeUnlessConflict(std::uint32_t a, std::uint32_t b) {
     a = Root(a);
     b = Root(b);
     if (a == b) return;
-    if (size_[a] < size_[b]) std::swap(a, b);
+    if (members_[a].size < members_[b].size) std::swap(a, b);
     if (ShareAnImage(a, b)) return;
-    parent_[b] = a;
-    size_[a] += size_[b];
-    std::swap(next_[a], next_[b]);
+    members_[b].parent = a;
+    members_[a].size += members_[b].size;
+    members_[a].images_mod_64 |= members_[b].images_mod_64;
+    std::swap(members_[a].next, members_[b].next);
   }
 
  private:
+  struct Member {                 // together, because a step along a ring or to a root is one cache miss
+    std::uint64_t images_mod_64;  ///< of a root: bit i is set if the set has an image with number i modulo 64
+    std::uint32_t parent, next, size, image;
+  };
+
   bool ShareAnImage(std::uint32_t a, std::uint32_t b) {
+    if ((members_[a].images_mod_64 & members_[b].images_mod_64) == 0) return false;
     ++stamp_;
     std::uint32_t node = b;
     do {
-      seen_[image_[node]] = stamp_;
-      node = next_[node];
+      seen_[members_[node].image] = stamp_;
+      node = members_[node].next;
     } while (node != b);
     node = a;
     do {
-      if (seen_[image_[node]] == stamp_) return true;
-      node = next_[node];
+      if (seen_[members_[node].image] == stamp_) return true;
+      node = members_[node].next;
     } while (node != a);
     return false;
   }
 
-  std::vector<std::uint32_t> parent_, next_, size_, image_;
+  std::vector<Member> members_;
   std::vector<std::uint64_t> seen_;  ///< by image: the last test that met it
   std::uint64_t stamp_ = 0;
 };
@@ -146,7 +149,12 @@ class Components {
 std::vector<Track> Collect(const Nodes& nodes, Components& components) {
   constexpr std::uint32_t kNoTrack = 0xffffffffU;
   std::vector<std::uint32_t> track_of_root(nodes.Count(), kNoTrack);
+  std::size_t count = 0;
+  for (std::uint32_t node = 0; node < nodes.Count(); ++node) {
+    count += components.Root(node) == node && components.Size(node) >= 2 ? 1 : 0;
+  }
   std::vector<Track> tracks;
+  tracks.reserve(count);
   for (std::uint32_t node = 0; node < nodes.Count(); ++node) {
     const std::uint32_t root = components.Root(node);
     if (components.Size(root) < 2) continue;
@@ -162,10 +170,10 @@ std::vector<Track> Collect(const Nodes& nodes, Components& components) {
 }  // namespace
 
 TaskCost Estimate(std::size_t matches_in_all) {
-  // A match brings at most two nodes (feature 4 bytes, sets 16, track number 4) and half of it in tracks: element 8
-  // bytes each, and at most one track (vector 24, doubled while it grows, heap block 16) for two nodes.
-  constexpr std::uint64_t kBytesPerNode = 4 + 16 + 4 + 8;
-  constexpr std::uint64_t kBytesPerTrack = 3 * 24 + 24;
+  // A match brings at most two nodes (feature 4 bytes, sets 24, track number 4, element 8), repetitions before they are
+  // dropped included, and at most one track (vector 24, head of its block 16) for two nodes.
+  constexpr std::uint64_t kBytesPerNode = 4 + 24 + 4 + 8;
+  constexpr std::uint64_t kBytesPerTrack = 24 + 16;
   const auto matches = static_cast<std::uint64_t>(matches_in_all);
   return {.peak_bytes = (1 << 20) + matches * (2 * kBytesPerNode + kBytesPerTrack),
           .work = 2e-7 * static_cast<double>(matches_in_all)};
