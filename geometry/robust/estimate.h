@@ -13,10 +13,10 @@
 #include <utility>
 #include <vector>
 
-#include "base/check.h"
 #include "base/rng.h"
 #include "base/run_context.h"
 #include "geometry/robust/sampling.h"
+#include "geometry/solvers/model_list.h"
 
 namespace rilievo {
 
@@ -31,24 +31,6 @@ struct RobustOptions {
   int min_trials = 1;
   int max_trials = 10000;
   const RunContext* context = nullptr;  ///< polled for stop requests (throws Cancelled) when given
-};
-
-/// The models of one sample: up to kCapacity, without heap.
-template <class Model, int kCapacity>
-class ModelList {
- public:
-  void Add(const Model& model) {
-    RILIEVO_CHECK(size_ < kCapacity);
-    models_[static_cast<std::size_t>(size_++)] = model;
-  }
-  int size() const { return size_; }
-  const Model& operator[](int i) const { return models_[static_cast<std::size_t>(i)]; }
-  const Model* begin() const { return models_.data(); }
-  const Model* end() const { return models_.data() + size_; }
-
- private:
-  std::array<Model, static_cast<std::size_t>(kCapacity)> models_;
-  int size_ = 0;
 };
 
 template <class Model>
