@@ -19,6 +19,9 @@
 namespace rilievo::adjustment {
 namespace {
 
+/// Up to here the reduced system of 6 unknowns an image is solved dense: at most 0.6 GFLOP, and no structure to set up.
+constexpr std::size_t kMostImagesDense = 200;
+
 using PoseArray = std::array<double, kPoseSize>;
 
 /// All unknowns side by side, poses by image and points in order: Ceres orders the elimination by address, and so the
@@ -186,8 +189,10 @@ std::pair<long, long> Constrain(const Model& model, const Options& options, Unkn
 
 ceres::Solver::Summary Solve(const Options& options, Unknowns& unknowns, Problem& problem, RunContext& context) {
   ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::SPARSE_SCHUR;
-  solver.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
+  // Eigen's solvers only: a BLAS may use threads and picks its kernels by processor, and both change the last bits.
+  solver.linear_solver_type = unknowns.images.size() <= kMostImagesDense ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+  solver.dense_linear_algebra_library_type = ceres::EIGEN;
+  solver.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
   solver.num_threads = 1;  // threaded sums depend on the order of arrival
   solver.max_num_iterations = options.max_iterations;
   solver.function_tolerance = options.function_tolerance;

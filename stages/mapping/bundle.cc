@@ -122,14 +122,14 @@ void AdjustLocally(const Block& block, Reconstruction& reconstruction, ImageId i
   for (const std::uint32_t track : seen) reconstruction.Refine(track);
 }
 
-void AdjustGlobally(const Block& block, Reconstruction& reconstruction, double loss_scale_px, RunContext& context) {
+void AdjustGlobally(const Block& block, Reconstruction& reconstruction, const GlobalAdjustment& how, RunContext& context) {
   const std::vector<ImageId> images = reconstruction.RegisteredImages();
-  const auto tracks = CarryingTracks(block, reconstruction, images, kCells);
+  const auto tracks = CarryingTracks(block, reconstruction, images, how.cells);
   adjustment::Options options;
   options.loss = adjustment::Loss::kCauchy;
-  options.loss_scale_px = loss_scale_px;
+  options.loss_scale_px = how.loss_scale_px;
   options.max_iterations = 30;
-  options.function_tolerance = 1e-4;
+  options.function_tolerance = how.function_tolerance;
   Adjust(block, reconstruction, tracks, options, context);
   for (const std::uint32_t track : reconstruction.Tracks()) reconstruction.Refine(track);
 }

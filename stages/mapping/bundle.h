@@ -28,7 +28,13 @@ adjustment::Summary Adjust(const Block& block, Reconstruction& reconstruction, s
 /// they see.
 void AdjustLocally(const Block& block, Reconstruction& reconstruction, ImageId image, double loss_scale_px, RunContext& context);
 
-/// Adjusts all images on carrying points with a robust loss, and refines all points.
-void AdjustGlobally(const Block& block, Reconstruction& reconstruction, double loss_scale_px, RunContext& context);
+struct GlobalAdjustment {
+  int cells = 400;  ///< see CarryingTracks
+  double loss_scale_px = 1;
+  double function_tolerance = 1e-4;
+};
+
+/// Adjusts all images on carrying points with Cauchy's loss, and refines all points.
+void AdjustGlobally(const Block& block, Reconstruction& reconstruction, const GlobalAdjustment& how, RunContext& context);
 
 }  // namespace rilievo::mapping

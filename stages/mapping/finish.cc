@@ -13,6 +13,8 @@ namespace {
 
 /// Length of a two-dimensional residual, in sigma of one coordinate, that one in a thousand exceeds: sqrt(13.8) (SPEC 5.4).
 constexpr double kRejection = 3.717;
+/// Points of the last robust adjustment: denser than on the way, since it decides what is rejected.
+constexpr int kFinalCells = 1600;
 
 /// Robust sigma of an image coordinate, px: residuals are two-dimensional normal, whose length has the median
 /// sigma sqrt(2 ln 2); corrected for redundancy as sigma0 is.
@@ -71,23 +73,22 @@ std::optional<Model> Finish(const GrowthInput& input, const Input& data, Reconst
   Settle(input, model, 3, context);
   PointTolerance tolerance = ToleranceOf(input.options);
   const double floor_px = 0.25 * input.options.max_residual_px;
+  const auto reject = [&] {
+    tolerance.max_residual_px = std::clamp(kRejection * RobustSigma(model), floor_px, input.options.max_residual_px);
+    return Reject(input, model, tolerance);
+  };
+  AdjustGlobally(input.block, model, {kFinalCells, std::max(0.25 * floor_px, 1.5 * RobustSigma(model)), 1e-5}, context);
+  reject();
   adjustment::Options options;
-  options.max_iterations = 30;
   options.function_tolerance = 1e-5;
   for (int round = 0; round < 4; ++round) {
-    options.loss = round < 2 ? adjustment::Loss::kCauchy : adjustment::Loss::kLeastSquares;
-    const double sigma_px = RobustSigma(model);
-    options.loss_scale_px = std::max(0.25 * floor_px, 1.5 * sigma_px);
     Adjust(input.block, model, model.Tracks(), options, context);
-    tolerance.max_residual_px = std::clamp(kRejection * RobustSigma(model), floor_px, input.options.max_residual_px);
-    const int dropped = Reject(input, model, tolerance);
-    if (round >= 2 && dropped == 0) break;
+    if (reject() == 0) break;
   }
   const auto images = model.RegisteredImages();
   const auto tracks = model.Tracks();
   if (images.size() < 2 || tracks.empty()) return std::nullopt;
   Model result = ToModel(model, tracks);
-  options = adjustment::Options();
   options.max_iterations = 100;
   options.function_tolerance = 1e-9;
   adjustment::Run(input.block, result, options, context);

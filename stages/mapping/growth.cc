@@ -176,7 +176,7 @@ std::optional<Reconstruction> StartFromPair(const GrowthInput& input, const Seed
   for (int round = 0; round < 2; ++round) {
     for (const std::uint32_t ray : input.ties.rays_of_image[seed.pair.first.value]) model.Intersect(input.ties.rays[ray].track, tolerance);
     if (!enough()) return std::nullopt;
-    AdjustGlobally(input.block, model, LossScale(input.options), context);
+    AdjustGlobally(input.block, model, {.loss_scale_px = LossScale(input.options)}, context);
     const Reconstruction before = model;
     FilterAll(before, model, tolerance);
   }
@@ -187,7 +187,7 @@ std::optional<Reconstruction> StartFromPair(const GrowthInput& input, const Seed
 void Settle(const GrowthInput& input, Reconstruction& model, int rounds, RunContext& context) {
   for (int round = 0; round < rounds; ++round) {
     context.ThrowIfStopped();
-    AdjustGlobally(input.block, model, LossScale(input.options), context);
+    AdjustGlobally(input.block, model, {.loss_scale_px = LossScale(input.options)}, context);
     const Reconstruction before = model;
     int changed = FilterAll(before, model, ToleranceOf(input.options));
     changed += DropWeakImages(input, model);
