@@ -2,8 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <span>
 
 #include "base/hash.h"
 #include "base/option.h"
@@ -84,7 +86,8 @@ TEST(Options, TextComesBackExactly) {
   const auto declarations = Declarations();
   SampleOptions options{false, 7, 0.1 + 0.2, "b"}, read;
   for (const auto& d : declarations) SetOptionValue(read, d, OptionValueText(options, d));
-  EXPECT_EQ(OptionKeyText(read, std::span(declarations.data(), declarations.size())), OptionKeyText(options, std::span(declarations.data(), declarations.size())));
+  const std::span<const OptionDeclaration<SampleOptions>> all(declarations);
+  EXPECT_EQ(OptionKeyText(read, all), OptionKeyText(options, all));
   EXPECT_EQ(read.size, 0.1 + 0.2);
 }
 
