@@ -2,6 +2,7 @@
 #include "geometry/robust/two_view_problems.h"
 
 #include <Eigen/LU>
+#include <Eigen/SVD>
 #include <utility>
 
 #include "geometry/essential_refinement.h"
@@ -203,6 +204,24 @@ std::optional<Homography> HomographyProblem::Refine(std::span<const std::uint32_
   const Homography model{*h, h->inverse()};
   if (!model.inverse.allFinite()) return std::nullopt;
   return model;
+}
+
+ModelList<Homography, 1> RotationProblem::Solve(const std::array<std::uint32_t, 2>& sample) const {
+  ModelList<Homography, 1> models;
+  if (const auto rotation = Refine(sample, {})) models.Add(*rotation);
+  return models;
+}
+
+std::optional<Homography> RotationProblem::Refine(std::span<const std::uint32_t> items, const Model&) const {
+  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+  for (const auto i : items) {
+    sum += pairs_.Second()[i].homogeneous().normalized() * pairs_.First()[i].homogeneous().normalized().transpose();
+  }
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(sum, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const double sign = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
+  const Eigen::Matrix3d rotation = svd.matrixU() * Eigen::Vector3d(1, 1, sign).asDiagonal() * svd.matrixV().transpose();
+  if (!rotation.allFinite()) return std::nullopt;
+  return Homography{rotation, rotation.transpose()};
 }
 
 }  // namespace rilievo

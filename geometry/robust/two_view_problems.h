@@ -99,4 +99,24 @@ class HomographyProblem {
   const PointPairs& pairs_;
 };
 
+/// Two-point samples of a pure rotation (as the homography it is), refined by the best rotation of the rays (Kabsch
+/// 1976).
+class RotationProblem {
+ public:
+  using Model = Homography;
+  static constexpr int kSampleSize = 2;
+  explicit RotationProblem(const PointPairs& pairs) : pairs_(pairs), transfer_(pairs) {}
+  std::size_t Size() const { return pairs_.Size(); }
+  ModelList<Homography, 1> Solve(const std::array<std::uint32_t, 2>& sample) const;
+  double SquaredResidual(const Model& r, std::size_t i) const { return transfer_.SquaredResidual(r, i); }
+  std::array<float, kRobustBlock> BlockResiduals(const Model& r, std::size_t begin) const {
+    return transfer_.BlockResiduals(r, begin);
+  }
+  std::optional<Model> Refine(std::span<const std::uint32_t> items, const Model& start) const;
+
+ private:
+  const PointPairs& pairs_;
+  HomographyProblem transfer_;
+};
+
 }  // namespace rilievo

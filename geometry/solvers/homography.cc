@@ -64,4 +64,28 @@ std::optional<Eigen::Matrix3d> SolveHomographyLinear(std::span<const Eigen::Vect
   return h;
 }
 
+ModelList<Rigid3, 2> DecomposeHomography(const Eigen::Matrix3d& h) {
+  ModelList<Rigid3, 2> poses;
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(h, Eigen::ComputeFullV);
+  const double middle = svd.singularValues()[1];
+  if (!h.allFinite() || !(middle > 0)) return poses;
+  const Eigen::Matrix3d unit = (h.determinant() < 0 ? -1 : 1) / middle * h;
+  const double s1 = std::pow(svd.singularValues()[0] / middle, 2), s3 = std::pow(svd.singularValues()[2] / middle, 2);
+  if (!(s1 - s3 > 1e-12)) return poses;
+  const Eigen::Vector3d v1 = svd.matrixV().col(0), v2 = svd.matrixV().col(1), v3 = svd.matrixV().col(2);
+  const double along = std::sqrt(std::max(0.0, 1 - s3) / (s1 - s3)),
+               across = std::sqrt(std::max(0.0, s1 - 1) / (s1 - s3));
+  for (const double sign : {1.0, -1.0}) {
+    // H keeps the lengths of the plane spanned by v2 and u: there it acts as the rotation does.
+    const Eigen::Vector3d u = along * v1 + sign * across * v3, normal = v2.cross(u);
+    Eigen::Matrix3d before, after;
+    before << v2, u, normal;
+    after << unit * v2, unit * u, (unit * v2).cross(unit * u);
+    const Eigen::Matrix3d rotation = after * before.transpose();
+    const Eigen::Vector3d translation = (unit - rotation) * normal;
+    if (translation.allFinite() && translation.norm() > 1e-9) poses.Add(Rigid3(rotation, translation.normalized()));
+  }
+  return poses;
+}
+
 }  // namespace rilievo

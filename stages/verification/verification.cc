@@ -15,6 +15,7 @@
 #include "geometry/robust/estimate.h"
 #include "geometry/robust/significance.h"
 #include "geometry/robust/two_view_problems.h"
+#include "geometry/solvers/homography.h"
 #include "stages/verification/correspondences.h"
 
 namespace rilievo::verification {
@@ -141,38 +142,20 @@ PlaneFit FitPlane(const PointPairs& inliers, double threshold_px, const RobustOp
   return {estimate->model.matrix, static_cast<double>(estimate->inliers.size()) / static_cast<double>(inliers.Size())};
 }
 
-/// The rotation that maps the rays of `items` best (Kabsch).
-Eigen::Matrix3d FitRotation(const PointPairs& pairs, const std::vector<std::uint32_t>& items) {
-  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
-  for (const auto i : items) {
-    sum += pairs.Second()[i].homogeneous().normalized() * pairs.First()[i].homogeneous().normalized().transpose();
-  }
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(sum, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::Vector3d signs(1, 1, (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1);
-  return svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
-}
-
 /// The rotation that nearly all of the inliers agree with to within the threshold: then there is no parallax to speak
 /// of.
-std::optional<Eigen::Matrix3d> PureRotation(const PointPairs& inliers, double threshold_px) {
+std::optional<Eigen::Matrix3d> PureRotation(const PointPairs& inliers, double threshold_px, const RobustOptions& loop,
+                                            std::uint64_t seed) {
   constexpr double kShare = 0.9;
-  constexpr int kRounds = 4;
-  const double bound = kTransferFactor * threshold_px;
-  std::vector<std::uint32_t> items(inliers.Size());
-  for (std::uint32_t i = 0; i < items.size(); ++i) items[i] = i;
-  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
-  for (int round = 0; round < kRounds; ++round) {
-    rotation = FitRotation(inliers, items);
-    items.clear();
-    for (std::uint32_t i = 0; i < inliers.Size(); ++i) {
-      const double squared =
-          SquaredTransfer(rotation, rotation.transpose(), inliers.First()[i], inliers.Second()[i], inliers.Variances());
-      if (squared <= bound * bound) items.push_back(i);
-    }
-    if (static_cast<double>(items.size()) < 0.5 * kShare * static_cast<double>(inliers.Size())) return std::nullopt;
-  }
-  if (static_cast<double>(items.size()) < kShare * static_cast<double>(inliers.Size())) return std::nullopt;
-  return rotation;
+  constexpr int kTrials = 30;  // 0.9^2 of the samples are good
+  RobustOptions options = loop;
+  options.estimator = RobustEstimator::kMapsac;
+  options.threshold = kTransferFactor * threshold_px;
+  options.max_trials = std::min(options.max_trials, kTrials);
+  const auto estimate = EstimateRobustly(RotationProblem(inliers), options, seed);
+  if (!estimate || static_cast<double>(estimate->inliers.size()) < kShare * static_cast<double>(inliers.Size()))
+    return std::nullopt;
+  return estimate->model.matrix;
 }
 
 Eigen::Matrix3d CalibrationMatrix(const CameraModel& model) {
@@ -210,24 +193,46 @@ std::vector<Match> MatchesOf(const Correspondences& all, const std::vector<std::
   return result;
 }
 
+struct Orientation {
+  Rigid3 second_from_first;
+  Epipolar model;  // with the inliers in front of both cameras only
+  double median_angle_rad = 0;
+};
+
 /// Relative pose, intersection angles and the inliers in front of both cameras. A ray pair whose angle is within the
 /// noise says nothing about front and back and stays.
-void Orient(const PointPairs& pairs, Epipolar& model, TwoViewGeometry& geometry) {
+Orientation Orient(const PointPairs& pairs, const Epipolar& model) {
   const PointPairs inliers = pairs.Subset(model.inliers);
-  geometry.second_from_first = SelectPose(model.matrix, inliers.First(), inliers.Second()).second_from_first;
+  Orientation result{SelectPose(model.matrix, inliers.First(), inliers.Second()).second_from_first, model, 0};
+  result.model.inliers.clear();
   const double noise_rad =
       3 * model.threshold_px * std::sqrt(0.5 * (pairs.Variances().first + pairs.Variances().second));
-  std::vector<std::uint32_t> kept;
   std::vector<double> angles;
   for (std::size_t k = 0; k < inliers.Size(); ++k) {
-    const auto rays = IntersectRays(geometry.second_from_first, inliers.First()[k], inliers.Second()[k]);
+    const auto rays = IntersectRays(result.second_from_first, inliers.First()[k], inliers.Second()[k]);
     if (!rays.in_front && rays.angle_rad > noise_rad) continue;
-    kept.push_back(model.inliers[k]);
+    result.model.inliers.push_back(model.inliers[k]);
     angles.push_back(rays.angle_rad);
   }
-  model.inliers = std::move(kept);
-  geometry.matrix = model.matrix;
-  geometry.median_angle_rad = Median(std::move(angles));
+  result.median_angle_rad = Median(std::move(angles));
+  return result;
+}
+
+/// A plane allows two poses, and the essential matrix found may be the wrong one, which puts points behind a camera:
+/// takes the one with the most points in front. Each pose is refined on its own inliers: a wrong match that happens to
+/// lie on an epipolar line of the one may be far from those of the other.
+Orientation OrientPlanar(const PointPairs& pairs, const Epipolar& model, const Eigen::Matrix3d& plane) {
+  Orientation best = Orient(pairs, model);
+  for (const Rigid3& pose : DecomposeHomography(plane)) {
+    const Eigen::Matrix3d start = EssentialFromPose(pose);
+    const PointPairs inliers = pairs.Subset(SampsonInliers(pairs, start, model.threshold_px));
+    const auto refined = RefineEssential(inliers.First(), inliers.Second(), pairs.Variances(), start);
+    if (!refined) continue;
+    const Epipolar candidate{*refined, SampsonInliers(pairs, *refined, model.threshold_px), model.threshold_px};
+    Orientation other = Orient(pairs, candidate);
+    if (other.model.inliers.size() > best.model.inliers.size()) best = std::move(other);
+  }
+  return best;
 }
 
 TwoViewGeometry Rejected(TwoViewGeometry geometry, RejectionReason reason) {
@@ -242,19 +247,26 @@ TwoViewGeometry Rejected(TwoViewGeometry geometry, RejectionReason reason) {
 void DescribeCalibrated(const Input& input, const Options& options, const PointPairs& pairs, const RobustOptions& loop,
                         std::uint64_t seed, Epipolar& model, TwoViewGeometry& geometry) {
   const PointPairs inliers = pairs.Subset(model.inliers);
-  const PlaneFit plane = FitPlane(inliers, model.threshold_px, loop, seed);
+  const PlaneFit plane = FitPlane(inliers, model.threshold_px, loop, SeedFor(seed, 1));
   geometry.homography_ratio = plane.share;
-  geometry.model = plane.share > options.planar_ratio ? TwoViewModel::kHomography : TwoViewModel::kEssential;
-  const auto rotation = PureRotation(inliers, model.threshold_px);
-  if (!rotation) return Orient(pairs, model, geometry);
-  geometry.model = TwoViewModel::kHomography;
-  geometry.second_from_first = Rigid3(*rotation, Eigen::Vector3d::Zero());
-  geometry.matrix = HomographyInPixels(*rotation, input);
-  std::vector<double> angles;
-  for (std::size_t k = 0; k < inliers.Size(); ++k) {
-    angles.push_back(ParallaxAngle(geometry.second_from_first.rotation, inliers.First()[k], inliers.Second()[k]));
+  const bool planar = plane.share > options.planar_ratio;
+  if (const auto rotation = PureRotation(inliers, model.threshold_px, loop, SeedFor(seed, 2))) {
+    geometry.model = TwoViewModel::kHomography;
+    geometry.second_from_first = Rigid3(*rotation, Eigen::Vector3d::Zero());
+    geometry.matrix = HomographyInPixels(*rotation, input);
+    std::vector<double> angles;
+    for (std::size_t k = 0; k < inliers.Size(); ++k) {
+      angles.push_back(ParallaxAngle(geometry.second_from_first.rotation, inliers.First()[k], inliers.Second()[k]));
+    }
+    geometry.median_angle_rad = Median(std::move(angles));
+    return;
   }
-  geometry.median_angle_rad = Median(std::move(angles));
+  Orientation orientation = planar ? OrientPlanar(pairs, model, plane.matrix) : Orient(pairs, model);
+  model = std::move(orientation.model);
+  geometry.model = planar ? TwoViewModel::kHomography : TwoViewModel::kEssential;
+  geometry.second_from_first = orientation.second_from_first;
+  geometry.matrix = model.matrix;
+  geometry.median_angle_rad = orientation.median_angle_rad;
 }
 
 }  // namespace
