@@ -8,7 +8,8 @@
 namespace rilievo::io {
 namespace {
 
-constexpr std::uint32_t kBlockVersion = 1, kFeaturesVersion = 1, kPairsVersion = 1, kMatchesVersion = 1, kTracksVersion = 1;
+constexpr std::uint32_t kBlockVersion = 1, kFeaturesVersion = 1, kPairsVersion = 1, kMatchesVersion = 1,
+                        kTracksVersion = 1;
 
 // Written as raw arrays: they must have no padding, whose bytes would be arbitrary.
 static_assert(sizeof(Keypoint) == 5 * sizeof(float) && sizeof(SiftDescriptor) == 128 && sizeof(Rgb) == 3);
@@ -32,9 +33,9 @@ ExifData GetExif(ByteReader& in) {
 }
 
 using Parameter = double CameraModel::*;
-constexpr std::array<Parameter, 12> kParameters{
-    &CameraModel::fx, &CameraModel::fy, &CameraModel::cx, &CameraModel::cy, &CameraModel::k1, &CameraModel::k2,
-    &CameraModel::p1, &CameraModel::p2, &CameraModel::k3, &CameraModel::k4, &CameraModel::k5, &CameraModel::k6};
+constexpr std::array<Parameter, 12> kParameters{&CameraModel::fx, &CameraModel::fy, &CameraModel::cx, &CameraModel::cy,
+                                                &CameraModel::k1, &CameraModel::k2, &CameraModel::p1, &CameraModel::p2,
+                                                &CameraModel::k3, &CameraModel::k4, &CameraModel::k5, &CameraModel::k6};
 
 void PutCamera(ByteWriter& out, const Camera& camera) {
   out.Put(static_cast<std::uint8_t>(camera.model.kind));
@@ -63,7 +64,8 @@ Camera GetCamera(ByteReader& in) {
 void PutImage(ByteWriter& out, const Image& image) {
   out.Put(image.camera_id.value);
   out.PutString(image.name);
-  for (const int value : {image.width_px, image.height_px, image.channels, image.bits_per_sample}) out.Put<std::int32_t>(value);
+  for (const int value : {image.width_px, image.height_px, image.channels, image.bits_per_sample})
+    out.Put<std::int32_t>(value);
   PutExif(out, image.exif);
   out.Put(image.content.bytes);
 }
@@ -72,7 +74,8 @@ Image GetImage(ByteReader& in) {
   Image image;
   image.camera_id = CameraId(in.Get<std::uint32_t>());
   image.name = in.GetString();
-  for (int* value : {&image.width_px, &image.height_px, &image.channels, &image.bits_per_sample}) *value = in.Get<std::int32_t>();
+  for (int* value : {&image.width_px, &image.height_px, &image.channels, &image.bits_per_sample})
+    *value = in.Get<std::int32_t>();
   image.exif = GetExif(in);
   image.content.bytes = in.Get<std::array<std::uint8_t, 32>>();
   return image;
@@ -122,7 +125,8 @@ TwoViewGeometry GetPair(ByteReader& in) {
 std::vector<Track> GetTracks(ByteReader& in) {
   const auto lengths = in.GetVector<std::uint32_t>();
   const auto elements = in.GetVector<FeatureRef>();
-  Require(std::accumulate(lengths.begin(), lengths.end(), std::uint64_t{0}) == elements.size(), "tracks of other length than their elements");
+  Require(std::accumulate(lengths.begin(), lengths.end(), std::uint64_t{0}) == elements.size(),
+          "tracks of other length than their elements");
   std::vector<Track> tracks(lengths.size());
   auto next = elements.begin();
   for (std::size_t i = 0; i < tracks.size(); ++i) {
@@ -149,7 +153,9 @@ std::vector<std::byte> Serialize(const Block& block) {
   return out.Take();
 }
 
-Block DeserializeBlock(std::span<const std::byte> bytes) { return ReadPayload(bytes, PayloadKind::kBlock, kBlockVersion, GetBlock); }
+Block DeserializeBlock(std::span<const std::byte> bytes) {
+  return ReadPayload(bytes, PayloadKind::kBlock, kBlockVersion, GetBlock);
+}
 
 std::vector<std::byte> Serialize(const ImageFeatures& features) {
   ByteWriter out;
@@ -240,6 +246,8 @@ std::vector<std::byte> Serialize(std::span<const Track> tracks) {
   return out.Take();
 }
 
-std::vector<Track> DeserializeTracks(std::span<const std::byte> bytes) { return ReadPayload(bytes, PayloadKind::kTracks, kTracksVersion, GetTracks); }
+std::vector<Track> DeserializeTracks(std::span<const std::byte> bytes) {
+  return ReadPayload(bytes, PayloadKind::kTracks, kTracksVersion, GetTracks);
+}
 
 }  // namespace rilievo::io

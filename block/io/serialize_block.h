@@ -19,8 +19,8 @@ struct MappingResult {
   std::vector<UnorientedImage> unoriented;
 };
 
-/// Each begins with a kind and a version number; equal values give equal bytes, and reading gives the value back to the bit.
-/// Cost: one copy of the data.
+/// Each begins with a kind and a version number; equal values give equal bytes, and reading gives the value back to the
+/// bit. Cost: one copy of the data.
 std::vector<std::byte> Serialize(const Block& block);
 std::vector<std::byte> Serialize(const ImageFeatures& features);
 std::vector<std::byte> Serialize(std::span<const TwoViewGeometry> pairs);
@@ -28,8 +28,8 @@ std::vector<std::byte> Serialize(std::span<const PairMatches> matches);
 std::vector<std::byte> Serialize(std::span<const Track> tracks);
 std::vector<std::byte> Serialize(const MappingResult& result);
 
-/// Throw Error(kVersion) for data of another kind or version and Error(kInvalidInput) for damaged data (cut off, too long, ids or
-/// counts that contradict each other): nothing outside the bytes is ever read.
+/// Throw Error(kVersion) for data of another kind or version and Error(kInvalidInput) for damaged data (cut off, too
+/// long, ids or counts that contradict each other): nothing outside the bytes is ever read.
 Block DeserializeBlock(std::span<const std::byte> bytes);
 ImageFeatures DeserializeFeatures(std::span<const std::byte> bytes);
 std::vector<TwoViewGeometry> DeserializePairs(std::span<const std::byte> bytes);

@@ -41,7 +41,8 @@ auto ReadPayload(std::span<const std::byte> bytes, PayloadKind kind, std::uint32
     ByteReader in(bytes);
     if (in.Get<std::uint32_t>() != static_cast<std::uint32_t>(kind)) throw Damaged("not of the kind that belongs here");
     if (const auto found = in.Get<std::uint32_t>(); found != version)
-      throw Error(ErrorCode::kVersion, "", "data format version " + std::to_string(found) + ", this program reads " + std::to_string(version),
+      throw Error(ErrorCode::kVersion, "",
+                  "data format version " + std::to_string(found) + ", this program reads " + std::to_string(version),
                   "use the program version that wrote it, or remove it: it is computed again");
     auto value = read(in);
     Require(in.AtEnd(), "bytes after its end");
@@ -77,7 +78,8 @@ inline Rigid3 GetPose(ByteReader& in) {
   return pose;
 }
 
-/// A count of things that take at least `least_bytes` each: bounded by what is left, so that damage cannot ask for memory.
+/// A count of things that take at least `least_bytes` each: bounded by what is left, so that damage cannot ask for
+/// memory.
 inline std::size_t GetCount(ByteReader& in, std::size_t least_bytes) {
   const auto count = in.Get<std::uint64_t>();
   Require(count <= in.Remaining() / least_bytes, "impossible count");

@@ -36,8 +36,10 @@ std::vector<Point> GetPoints(ByteReader& in) {
   const auto rays = in.GetVector<std::uint32_t>();
   const auto features = in.GetVector<FeatureRef>();
   const auto measured = in.GetVector<double>();
-  Require(positions.size() == 3 * rays.size() && colors.size() == rays.size() && measured.size() == 4 * features.size(), "arrays of unequal length");
-  Require(std::accumulate(rays.begin(), rays.end(), std::uint64_t{0}) == features.size(), "points of other length than their rays");
+  Require(positions.size() == 3 * rays.size() && colors.size() == rays.size() && measured.size() == 4 * features.size(),
+          "arrays of unequal length");
+  Require(std::accumulate(rays.begin(), rays.end(), std::uint64_t{0}) == features.size(),
+          "points of other length than their rays");
   std::vector<Point> points(rays.size());
   std::size_t next = 0;
   for (std::size_t p = 0; p < points.size(); ++p) {
@@ -62,7 +64,8 @@ Model GetModel(ByteReader& in) {
   model.sigma0_px = in.Get<double>();
   model.redundancy = static_cast<long>(in.Get<std::int64_t>());
   for (const Point& point : model.points)
-    for (const Observation& o : point.observations) Require(model.cam_from_world.contains(o.feature.image), "a ray of an image that is not in the model");
+    for (const Observation& o : point.observations)
+      Require(model.cam_from_world.contains(o.feature.image), "a ray of an image that is not in the model");
   return model;
 }
 

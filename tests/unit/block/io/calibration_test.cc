@@ -36,10 +36,11 @@ void ExpectK(const CameraModel& model, double fx, double fy, double cx, double c
 }
 
 TEST_F(Calibration, MatrixTextInTheFormsPeopleWriteIt) {
-  for (const char* content :
-       {"2759.48 0 1520.69 \r\n0 2764.16 1006.81 \r\n0 0 1", "# my K\n2759.48, 0, 1520.69,\n\n0, 2764.16, 1006.81 # second row\n0 0 1\n",
-        "[[2759.48, 0.0, 1520.69],\n [0.0, 2764.16, 1006.81],\n [0.0, 0.0, 1.0]]\n",
-        "[2759.48, 0, 1520.69; 0, 2764.16, 1006.81; 0, 0, 1]", "% K\n2.75948e3\t0\t+1520.69\n0\t2764.16\t1006.81\n0\t0\t1e0"}) {
+  for (const char* content : {"2759.48 0 1520.69 \r\n0 2764.16 1006.81 \r\n0 0 1",
+                              "# my K\n2759.48, 0, 1520.69,\n\n0, 2764.16, 1006.81 # second row\n0 0 1\n",
+                              "[[2759.48, 0.0, 1520.69],\n [0.0, 2764.16, 1006.81],\n [0.0, 0.0, 1.0]]\n",
+                              "[2759.48, 0, 1520.69; 0, 2764.16, 1006.81; 0, 0, 1]",
+                              "% K\n2.75948e3\t0\t+1520.69\n0\t2764.16\t1006.81\n0\t0\t1e0"}) {
     SCOPED_TRACE(content);
     const auto entries = Read(content);
     ASSERT_EQ(entries.size(), 1U);
@@ -70,21 +71,24 @@ TEST_F(Calibration, OtherFilesAreNamedAsSuch) {
   EXPECT_THAT(Mistake(""), HasSubstr("is empty"));
   EXPECT_THAT(Mistake("# only\n"), HasSubstr("comments only"));
   EXPECT_THAT(Mistake(std::string("\xFF\xD8\xFF\xE0\0\x10JFIF", 10)), HasSubstr("binary file"));
-  EXPECT_THAT(Mistake("<?xml version=\"1.0\"?>\n<document version=\"1.5.0\"><chunk/></document>"), HasSubstr("XML file of another program"));
+  EXPECT_THAT(Mistake("<?xml version=\"1.0\"?>\n<document version=\"1.5.0\"><chunk/></document>"),
+              HasSubstr("XML file of another program"));
   EXPECT_THAT(Mistake("{\"a\": 1}"), HasSubstr("a calibration is a 3x3 K matrix as text"));
-  EXPECT_THAT(ErrorOf([&] { ReadCalibration(scratch_.path() / "none.txt", PixelOrigin::kCorner); }), HasSubstr("cannot be opened"));
+  EXPECT_THAT(ErrorOf([&] { ReadCalibration(scratch_.path() / "none.txt", PixelOrigin::kCorner); }),
+              HasSubstr("cannot be opened"));
   EXPECT_THAT(ErrorOf([&] { ReadCalibration(scratch_.path(), PixelOrigin::kCorner); }), HasSubstr("is a folder"));
 }
 
 TEST_F(Calibration, ColmapCamerasOfEverySupportedModel) {
   std::string content = "# Camera list\n";
   std::vector<CameraModel> truth;
-  for (const auto kind : {CameraModelKind::kSimplePinhole, CameraModelKind::kPinhole, CameraModelKind::kSimpleRadial, CameraModelKind::kRadial,
-                          CameraModelKind::kOpenCv, CameraModelKind::kFullOpenCv}) {
+  for (const auto kind : {CameraModelKind::kSimplePinhole, CameraModelKind::kPinhole, CameraModelKind::kSimpleRadial,
+                          CameraModelKind::kRadial, CameraModelKind::kOpenCv, CameraModelKind::kFullOpenCv}) {
     truth.push_back(TestCamera(kind));
     content += std::to_string(truth.size()) + " " + std::string(CameraModelName(kind)) + " 4000 3000";
     char number[40];
-    for (const double value : CameraParams(truth.back())) content += (std::snprintf(number, sizeof number, " %.17g", value), number);
+    for (const double value : CameraParams(truth.back()))
+      content += (std::snprintf(number, sizeof number, " %.17g", value), number);
     content += "\n";
   }
   const auto entries = Read(content);
@@ -99,7 +103,8 @@ TEST_F(Calibration, ColmapCamerasOfEverySupportedModel) {
 }
 
 TEST_F(Calibration, ColmapMistakes) {
-  EXPECT_THAT(Mistake("# c\n1 OPENCV_FISHEYE 10 10 5 5 5 5 0 0 0 0"), HasSubstr("line 2: camera model OPENCV_FISHEYE is not supported"));
+  EXPECT_THAT(Mistake("# c\n1 OPENCV_FISHEYE 10 10 5 5 5 5 0 0 0 0"),
+              HasSubstr("line 2: camera model OPENCV_FISHEYE is not supported"));
   EXPECT_THAT(Mistake("1 FOV 10 10 5 5 5 5 0.1"), HasSubstr("camera model FOV is not supported"));
   EXPECT_THAT(Mistake("1 PINHOLE 10 10 5 5 5"), HasSubstr("PINHOLE has 4 parameters, 3 are given"));
   EXPECT_THAT(Mistake("1 PINHOLE 10 10 5 5 5 inf"), HasSubstr("line 1: 'inf' is not a number"));
@@ -128,7 +133,8 @@ TEST_F(Calibration, TomlReadsBackExactly) {
 
 TEST_F(Calibration, TomlAsDocumented) {
   const std::string head = "format = \"rilievo-calibration\"\nversion = 1\n";
-  const std::string camera = "[[camera]]\nwidth_px = 4000\nheight_px = 3000\nfx_px = 4400\nfy_px = 4400.5\ncx_px = 2000.0\ncy_px = 1500.0\n";
+  const std::string camera =
+      "[[camera]]\nwidth_px = 4000\nheight_px = 3000\nfx_px = 4400\nfy_px = 4400.5\ncx_px = 2000.0\ncy_px = 1500.0\n";
   const auto entries = Read(head + camera + "k1 = -0.1\nfolder = \"left/\"\n", PixelOrigin::kCenter);
   ExpectK(entries.at(0).model, 4400, 4400.5, 2000, 1500);  // TOML has one origin, whatever the option for text says
   EXPECT_EQ(entries[0].model.kind, CameraModelKind::kOpenCv);
@@ -136,13 +142,16 @@ TEST_F(Calibration, TomlAsDocumented) {
 
   EXPECT_THAT(Mistake(head + camera + "k7 = 1.0\n"), HasSubstr("line 10: unknown key 'k7'"));
   EXPECT_THAT(Mistake(head + camera + "model = \"PINHOLE\"\nk1 = 0.1\n"), HasSubstr("PINHOLE does not have all"));
-  EXPECT_THAT(Mistake(head + camera + "model = \"SIMPLE_RADIAL\"\n"), HasSubstr("SIMPLE_RADIAL does not have all"));  // fx != fy
+  EXPECT_THAT(Mistake(head + camera + "model = \"SIMPLE_RADIAL\"\n"),
+              HasSubstr("SIMPLE_RADIAL does not have all"));  // fx != fy
   EXPECT_THAT(Mistake(head + camera + "model = \"FISHEYE\"\n"), HasSubstr("'FISHEYE' is not supported"));
   EXPECT_THAT(Mistake(head + camera + "k1 = nan\n"), HasSubstr("not finite"));
   EXPECT_THAT(Mistake(head + camera + "k1 = \"0.1\"\n"), HasSubstr("line 10: 'k1' must be a number"));
   EXPECT_THAT(Mistake(head + "[[camera]]\nfx_px = 1.0\nfy_px = 1.0\ncx_px = 1.0\n"), HasSubstr("lacks 'cy_px'"));
-  EXPECT_THAT(Mistake(head + "[[camera]]\nfx_px = 1.0\nfy_px = 1.0\ncx_px = 1.0\ncy_px = 1.0\nwidth_px = 7\n"), HasSubstr("go together"));
-  EXPECT_THAT(Mistake(head + "[[camera]]\nfx_px = 1.0\nfy_px = 0.0\ncx_px = 1.0\ncy_px = 1.0\n"), HasSubstr("not positive"));
+  EXPECT_THAT(Mistake(head + "[[camera]]\nfx_px = 1.0\nfy_px = 1.0\ncx_px = 1.0\ncy_px = 1.0\nwidth_px = 7\n"),
+              HasSubstr("go together"));
+  EXPECT_THAT(Mistake(head + "[[camera]]\nfx_px = 1.0\nfy_px = 0.0\ncx_px = 1.0\ncy_px = 1.0\n"),
+              HasSubstr("not positive"));
   EXPECT_THAT(Mistake(head), HasSubstr("has no [[camera]]"));
   EXPECT_THAT(Mistake("version = 1\n" + camera), HasSubstr("lacks format"));
   EXPECT_THAT(Mistake("format = \"rilievo-calibration\"\nversion = 2\n" + camera), HasSubstr("version 2 is not known"));
@@ -170,26 +179,36 @@ TEST_F(Calibration, OpenCvYamlAndXml) {
       ExpectK(model, 535.9, 536.1, 342.3 + 0.5, 235.6 + 0.5);
       EXPECT_EQ(entries[0].width_px, 640);
       EXPECT_EQ(entries[0].height_px, 480);
-      const std::vector<double> expected{model.k1, model.k2, model.p1, model.p2, model.k3, model.k4, model.k5, model.k6};
-      for (int i = 0; i < 8; ++i) EXPECT_EQ(expected[static_cast<std::size_t>(i)], i < count ? all[static_cast<std::size_t>(i)] : 0) << i;
+      const std::vector<double> expected{model.k1, model.k2, model.p1, model.p2,
+                                         model.k3, model.k4, model.k5, model.k6};
+      for (int i = 0; i < 8; ++i)
+        EXPECT_EQ(expected[static_cast<std::size_t>(i)], i < count ? all[static_cast<std::size_t>(i)] : 0) << i;
       EXPECT_EQ(model.kind, count == 4 ? CameraModelKind::kOpenCv : CameraModelKind::kFullOpenCv);
     }
 }
 
 TEST_F(Calibration, OpenCvMistakes) {
   const cv::Mat k = (cv::Mat_<double>(3, 3) << 535.9, 0, 342.3, 0, 536.1, 235.6, 0, 0, 1);
-  EXPECT_THAT(Mistake(OpenCvFile(".yml", k, cv::Mat::zeros(1, 14, CV_64F), true)), HasSubstr("14 coefficients) is not supported"));
-  EXPECT_THAT(Mistake(OpenCvFile(".yml", k, cv::Mat::zeros(1, 12, CV_64F), true)), HasSubstr("12 coefficients) is not supported"));
-  EXPECT_THAT(Mistake(OpenCvFile(".yml", k, cv::Mat::zeros(1, 3, CV_64F), true)), HasSubstr("3 distortion coefficients"));
-  EXPECT_THAT(Mistake(OpenCvFile(".yml", cv::Mat::eye(2, 3, CV_64F), cv::Mat::zeros(1, 5, CV_64F), true)), HasSubstr("6 numbers, not 9"));
+  EXPECT_THAT(Mistake(OpenCvFile(".yml", k, cv::Mat::zeros(1, 14, CV_64F), true)),
+              HasSubstr("14 coefficients) is not supported"));
+  EXPECT_THAT(Mistake(OpenCvFile(".yml", k, cv::Mat::zeros(1, 12, CV_64F), true)),
+              HasSubstr("12 coefficients) is not supported"));
+  EXPECT_THAT(Mistake(OpenCvFile(".yml", k, cv::Mat::zeros(1, 3, CV_64F), true)),
+              HasSubstr("3 distortion coefficients"));
+  EXPECT_THAT(Mistake(OpenCvFile(".yml", cv::Mat::eye(2, 3, CV_64F), cv::Mat::zeros(1, 5, CV_64F), true)),
+              HasSubstr("6 numbers, not 9"));
   EXPECT_THAT(Mistake(OpenCvFile(".yml", -k, cv::Mat::zeros(1, 5, CV_64F), true)), HasSubstr("is not fx 0 cx"));
-  EXPECT_THAT(Mistake(OpenCvFile(".yml", k, cv::Mat::zeros(1, 4, CV_64F), true) + "fisheye_model: 1\n"), HasSubstr("fisheye"));
-  EXPECT_THAT(Mistake(OpenCvFile(".yml", k, cv::Mat::zeros(1, 4, CV_64F), true) + "distortion_model: equidistant\n"), HasSubstr("'equidistant'"));
+  EXPECT_THAT(Mistake(OpenCvFile(".yml", k, cv::Mat::zeros(1, 4, CV_64F), true) + "fisheye_model: 1\n"),
+              HasSubstr("fisheye"));
+  EXPECT_THAT(Mistake(OpenCvFile(".yml", k, cv::Mat::zeros(1, 4, CV_64F), true) + "distortion_model: equidistant\n"),
+              HasSubstr("'equidistant'"));
   EXPECT_THAT(Mistake("%YAML:1.0\n---\na: [1, 2"), HasSubstr("not valid OpenCV"));
   EXPECT_THAT(Mistake("%YAML:1.0\n---\na: 1\n"), HasSubstr("without a camera matrix"));
-  EXPECT_THAT(Mistake("<?xml version=\"1.0\"?>\n<opencv_storage>\n<imagelist>\"left01.jpg\"</imagelist>\n</opencv_storage>\n"),
-              HasSubstr("without a camera matrix"));
-  EXPECT_THAT(Mistake("%YAML:1.0\n---\nimage_width: -3\nimage_height: 4\n"), HasSubstr("'image_width' is not an image size"));
+  EXPECT_THAT(
+      Mistake("<?xml version=\"1.0\"?>\n<opencv_storage>\n<imagelist>\"left01.jpg\"</imagelist>\n</opencv_storage>\n"),
+      HasSubstr("without a camera matrix"));
+  EXPECT_THAT(Mistake("%YAML:1.0\n---\nimage_width: -3\nimage_height: 4\n"),
+              HasSubstr("'image_width' is not an image size"));
 }
 
 TEST(CalibrationOfRealData, EachIsRead) {

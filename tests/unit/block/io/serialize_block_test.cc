@@ -16,10 +16,12 @@ using testing::HasSubstr;
 using Bytes = std::vector<std::byte>;
 
 SmallBlock Example() {
-  SmallBlock example = MakeSmallBlock({TestCamera(CameraModelKind::kFullOpenCv), TestCamera(CameraModelKind::kPinhole)}, 6);
+  SmallBlock example =
+      MakeSmallBlock({TestCamera(CameraModelKind::kFullOpenCv), TestCamera(CameraModelKind::kPinhole)}, 6);
   example.block.quarantined = {{"broken \xC3\xA9.jpg", "truncated"}};
   example.block.cameras[1].source = CalibrationSource::kExif;
-  example.block.images[2].exif = {6, 24.5, 36, "Make", "Model", "123", "Lens", "2024:01:02 03:04:05", std::nullopt, 166.5};
+  example.block.images[2].exif = {6,    24.5, 36, "Make", "Model", "123", "Lens", "2024:01:02 03:04:05", std::nullopt,
+                                  166.5};
   return example;
 }
 
@@ -51,7 +53,10 @@ std::vector<TwoViewGeometry> ExamplePairs() {
   return pairs;
 }
 
-MappingResult ExampleMapping() { return {{Example().model, MakeSmallBlock({TestCamera(CameraModelKind::kPinhole)}, 2, 3).model}, {{ImageId(4), "too few"}}}; }
+MappingResult ExampleMapping() {
+  return {{Example().model, MakeSmallBlock({TestCamera(CameraModelKind::kPinhole)}, 2, 3).model},
+          {{ImageId(4), "too few"}}};
+}
 
 TEST(Serialize, BlockComesBack) {
   const Block block = Example().block, read = DeserializeBlock(Serialize(block));
@@ -60,10 +65,14 @@ TEST(Serialize, BlockComesBack) {
   for (std::size_t i = 0; i < block.images.size(); ++i) {
     const Image &a = block.images[i], &b = read.images[i];
     EXPECT_TRUE(a.id == b.id && a.camera_id == b.camera_id && a.name == b.name && a.content == b.content);
-    EXPECT_TRUE(a.width_px == b.width_px && a.height_px == b.height_px && a.channels == b.channels && a.bits_per_sample == b.bits_per_sample);
-    EXPECT_TRUE(a.exif.orientation == b.exif.orientation && a.exif.focal_mm == b.exif.focal_mm && a.exif.focal_35mm_mm == b.exif.focal_35mm_mm);
-    EXPECT_TRUE(a.exif.make == b.exif.make && a.exif.model == b.exif.model && a.exif.serial == b.exif.serial && a.exif.lens == b.exif.lens);
-    EXPECT_TRUE(a.exif.date_time == b.exif.date_time && a.exif.gnss == b.exif.gnss && a.exif.focal_plane_x_res_per_mm == b.exif.focal_plane_x_res_per_mm);
+    EXPECT_TRUE(a.width_px == b.width_px && a.height_px == b.height_px && a.channels == b.channels &&
+                a.bits_per_sample == b.bits_per_sample);
+    EXPECT_TRUE(a.exif.orientation == b.exif.orientation && a.exif.focal_mm == b.exif.focal_mm &&
+                a.exif.focal_35mm_mm == b.exif.focal_35mm_mm);
+    EXPECT_TRUE(a.exif.make == b.exif.make && a.exif.model == b.exif.model && a.exif.serial == b.exif.serial &&
+                a.exif.lens == b.exif.lens);
+    EXPECT_TRUE(a.exif.date_time == b.exif.date_time && a.exif.gnss == b.exif.gnss &&
+                a.exif.focal_plane_x_res_per_mm == b.exif.focal_plane_x_res_per_mm);
   }
   for (std::size_t c = 0; c < block.cameras.size(); ++c) {
     EXPECT_EQ(*read.cameras[c].model.Project({0.1, 0.2, 1}), *block.cameras[c].model.Project({0.1, 0.2, 1}));
@@ -135,7 +144,8 @@ TEST(Serialize, MappingComesBack) {
 
 template <class Read>
 void ExpectDamageIsSeen(const Bytes& bytes, Read read) {
-  for (std::size_t keep = 0; keep < bytes.size(); keep += 1 + keep / 8) EXPECT_FALSE(ErrorOf([&] { read(std::span(bytes).first(keep)); }).empty());
+  for (std::size_t keep = 0; keep < bytes.size(); keep += 1 + keep / 8)
+    EXPECT_FALSE(ErrorOf([&] { read(std::span(bytes).first(keep)); }).empty());
   Bytes longer = bytes;
   longer.push_back({});
   EXPECT_THAT(ErrorOf([&] { read(longer); }), HasSubstr("after its end"));
@@ -149,7 +159,9 @@ void ExpectDamageIsSeen(const Bytes& bytes, Read read) {
   Rng rng(5);
   for (int i = 0; i < 3000; ++i) {
     Bytes bad = bytes;
-    bad[8 + rng.Below(static_cast<std::uint32_t>(std::min<std::size_t>(bad.size() - 8, i % 2 ? 200 : bad.size() - 8)))] = static_cast<std::byte>(rng.Below(256));
+    bad[8 +
+        rng.Below(static_cast<std::uint32_t>(std::min<std::size_t>(bad.size() - 8, i % 2 ? 200 : bad.size() - 8)))] =
+        static_cast<std::byte>(rng.Below(256));
     try {
       read(bad);
     } catch (const Error&) {
