@@ -90,8 +90,12 @@ class Components {
     for (std::uint32_t image = 0; image < nodes.Images(); ++image) {
       for (std::size_t node = nodes.FirstNode(image); node < nodes.FirstNode(image + std::size_t{1}); ++node) {
         const auto self = static_cast<std::uint32_t>(node);
-        members_[node] = {
-            .images_mod_64 = std::uint64_t{1} << (image % 64), .parent = self, .next = self, .size = 1, .image = image};
+        members_[node] = {.images_mod_64 = std::uint64_t{1} << (image % 64),
+                          .parent = self,
+                          .next = self,
+                          .size = 1,
+                          .image = image,
+                          .list = kNoList};
       }
     }
   }
@@ -112,6 +116,7 @@ class Components {
     if (a == b) return;
     if (members_[a].size < members_[b].size) std::swap(a, b);
     if (ShareAnImage(a, b)) return;
+    MergeLists(a, b);
     members_[b].parent = a;
     members_[a].size += members_[b].size;
     members_[a].images_mod_64 |= members_[b].images_mod_64;
@@ -121,11 +126,54 @@ class Components {
  private:
   struct Member {                 // together, because a step along a ring or to a root is one cache miss
     std::uint64_t images_mod_64;  ///< of a root: bit i is set if the set has an image with number i modulo 64
-    std::uint32_t parent, next, size, image;
+    std::uint32_t parent, next, size, image, list;
   };
 
+  /// Images along the ring of a node, in no particular order.
+  std::vector<std::uint32_t> ImagesOnRing(std::uint32_t start) const {
+    std::vector<std::uint32_t> images;
+    std::uint32_t node = start;
+    do {
+      images.push_back(members_[node].image);
+      node = members_[node].next;
+    } while (node != start);
+    return images;
+  }
+
+  /// Before the rings of two roots are joined: keeps the sorted images of sets that are, or now become, large.
+  void MergeLists(std::uint32_t a, std::uint32_t b) {
+    if (members_[a].size + members_[b].size <= kLargeSet) return;
+    if (members_[a].list == kNoList) {
+      members_[a].list = static_cast<std::uint32_t>(lists_.size());
+      lists_.push_back(ImagesOnRing(a));
+      std::sort(lists_.back().begin(), lists_.back().end());
+    }
+    std::vector<std::uint32_t>& images = lists_[members_[a].list];
+    std::vector<std::uint32_t> added;
+    if (members_[b].list == kNoList) {
+      added = ImagesOnRing(b);
+      std::sort(added.begin(), added.end());
+    } else {
+      added.swap(lists_[members_[b].list]);
+    }
+    const auto middle = static_cast<std::ptrdiff_t>(images.size());
+    images.insert(images.end(), added.begin(), added.end());
+    std::inplace_merge(images.begin(), images.begin() + middle, images.end());
+  }
+
+  /// `a` is the larger set.
   bool ShareAnImage(std::uint32_t a, std::uint32_t b) {
     if ((members_[a].images_mod_64 & members_[b].images_mod_64) == 0) return false;
+    if (members_[a].list == kNoList) return ShareAnImageOnRings(a, b);
+    const std::vector<std::uint32_t>& images = lists_[members_[a].list];
+    const std::vector<std::uint32_t> others =
+        members_[b].list == kNoList ? ImagesOnRing(b) : std::vector<std::uint32_t>{};
+    const std::vector<std::uint32_t>& few = members_[b].list == kNoList ? others : lists_[members_[b].list];
+    return std::any_of(few.begin(), few.end(),
+                       [&](std::uint32_t image) { return std::binary_search(images.begin(), images.end(), image); });
+  }
+
+  bool ShareAnImageOnRings(std::uint32_t a, std::uint32_t b) {
     ++stamp_;
     std::uint32_t node = b;
     do {
@@ -140,6 +188,10 @@ class Components {
     return false;
   }
 
+  /// Sets beyond this size keep their images in a list: walking their rings would be a cache miss for every member.
+  static constexpr std::uint32_t kLargeSet = 16;
+  static constexpr std::uint32_t kNoList = 0xffffffffU;
+  std::vector<std::vector<std::uint32_t>> lists_;  ///< sorted images of the large sets
   std::vector<Member> members_;
   std::vector<std::uint64_t> seen_;  ///< by image: the last test that met it
   std::uint64_t stamp_ = 0;
@@ -170,13 +222,13 @@ std::vector<Track> Collect(const Nodes& nodes, Components& components) {
 }  // namespace
 
 TaskCost Estimate(std::size_t matches_in_all) {
-  // A match brings at most two nodes (feature 4 bytes, sets 24, track number 4, element 8), repetitions before they are
-  // dropped included, and at most one track (vector 24, head of its block 16) for two nodes.
-  constexpr std::uint64_t kBytesPerNode = 4 + 24 + 4 + 8;
+  // A match brings at most two nodes (feature 4 bytes, sets 32, image lists 12, track number 4, element 8), repetitions
+  // before they are dropped included, and at most one track (vector 24, head of its block 16) for two nodes.
+  constexpr std::uint64_t kBytesPerNode = 4 + 32 + 12 + 4 + 8;
   constexpr std::uint64_t kBytesPerTrack = 24 + 16;
   const auto matches = static_cast<std::uint64_t>(matches_in_all);
   return {.peak_bytes = (1 << 20) + matches * (2 * kBytesPerNode + kBytesPerTrack),
-          .work = 2e-7 * static_cast<double>(matches_in_all)};
+          .work = 8e-7 * static_cast<double>(matches_in_all)};
 }
 
 std::vector<Track> Run(std::span<const TwoViewGeometry> pairs, RunContext& context) {

@@ -104,7 +104,9 @@ Elements ComponentsOracle(const std::vector<TwoViewGeometry>& pairs) {
 /// The contract word for word: edges in order, sets as plain vectors.
 Elements GreedyOracle(std::vector<TwoViewGeometry> pairs) {
   std::stable_sort(pairs.begin(), pairs.end(), [](const auto& a, const auto& b) {
-    return a.inliers.size() != b.inliers.size() ? a.inliers.size() > b.inliers.size() : a.pair < b.pair;
+    return a.inliers.size() != b.inliers.size() ? a.inliers.size() > b.inliers.size()
+           : a.pair != b.pair                   ? a.pair < b.pair
+                                                : a.inliers < b.inliers;
   });
   Elements sets;
   const auto find = [&](const FeatureRef& element) {
@@ -155,6 +157,19 @@ TEST(Tracks, ContradictionsAreRefusedByDescendingSupport) {
         EXPECT_TRUE(seen.insert(e).second) << "one feature in two tracks";
       }
     }
+  }
+}
+
+TEST(Tracks, LongTracksFollowTheSameRule) {
+  for (std::uint64_t seed = 0; seed < 4; ++seed) {
+    auto pairs = ConsistentPairs(90, 8 + static_cast<std::uint32_t>(seed % 2), 0.02 + 0.03 * static_cast<double>(seed),
+                                 70 + seed);
+    for (const auto& wrong : RandomPairs(90, 2, 80 + seed)) {
+      if (wrong.pair.second.value % 9 == 0) pairs.push_back(wrong);
+    }
+    const Elements tracks = Concatenate(pairs);
+    EXPECT_EQ(tracks, GreedyOracle(pairs)) << seed;
+    EXPECT_TRUE(std::any_of(tracks.begin(), tracks.end(), [](const auto& t) { return t.size() > 40; }));
   }
 }
 
