@@ -167,7 +167,7 @@ std::optional<Reconstruction> StartFromPair(const GrowthInput& input, const Seed
   model.SetPose(seed.pair.first, Rigid3());
   model.SetPose(seed.pair.second, seed.second_from_first);
   // Points of narrow pairs are needed to begin with; later filters hold them to the full angle.
-  const int tier = seed.tier % 4;
+  const int tier = seed.tier % kTiersOfAKind;
   PointTolerance tolerance = ToleranceOf(input.options);
   if (tier >= 2) tolerance.min_angle_rad = std::min(tolerance.min_angle_rad, DegToRad(0.3));
   const auto enough = [&] {
