@@ -72,18 +72,19 @@ void NormalizeDatum(Model& model) {
 std::optional<Model> Finish(const GrowthInput& input, const Input& data, Reconstruction& model, RunContext& context) {
   Settle(input, model, 3, context);
   PointTolerance tolerance = ToleranceOf(input.options);
-  const double floor_px = 0.25 * input.options.max_residual_px;
+  const double floor_px = 0.1 * input.options.max_residual_px;  // positions are rounded, models are not exact
   const auto reject = [&] {
     tolerance.max_residual_px = std::clamp(kRejection * RobustSigma(model), floor_px, input.options.max_residual_px);
     return Reject(input, model, tolerance);
   };
-  AdjustGlobally(input.block, model, {kFinalCells, std::max(0.25 * floor_px, 1.5 * RobustSigma(model)), 1e-5}, context);
+  AdjustGlobally(input.block, model, {kFinalCells, std::max(0.5 * floor_px, 1.5 * RobustSigma(model)), 1e-5}, context);
   reject();
   adjustment::Options options;
   options.function_tolerance = 1e-5;
   for (int round = 0; round < 4; ++round) {
     Adjust(input.block, model, model.Tracks(), options, context);
-    if (reject() == 0) break;
+    // The few that later rounds would find do not move anything; the last adjustment follows anyway.
+    if (reject() < static_cast<int>(model.NumPoints() / 1000 + 1)) break;
   }
   const auto images = model.RegisteredImages();
   const auto tracks = model.Tracks();

@@ -62,9 +62,9 @@ int IntersectAll(const GrowthInput& input, Reconstruction& model) {
   return added;
 }
 
-int FilterAll(const Reconstruction& before, Reconstruction& model, const PointTolerance& tolerance) {
+int FilterAll(Reconstruction& model, const PointTolerance& tolerance) {
   int dropped = 0;
-  for (const std::uint32_t track : before.Tracks()) dropped += model.Filter(track, tolerance);
+  for (const std::uint32_t track : model.Tracks()) dropped += model.Filter(track, tolerance);
   return dropped;
 }
 
@@ -167,7 +167,7 @@ std::optional<Reconstruction> StartFromPair(const GrowthInput& input, const Seed
   model.SetPose(seed.pair.first, Rigid3());
   model.SetPose(seed.pair.second, seed.second_from_first);
   // Points of narrow pairs are needed to begin with; later filters hold them to the full angle.
-  const int tier = seed.tier % 4;
+  const int tier = seed.tier % kTiersOfAKind;
   PointTolerance tolerance = ToleranceOf(input.options);
   if (tier >= 2) tolerance.min_angle_rad = std::min(tolerance.min_angle_rad, DegToRad(0.3));
   const auto enough = [&] {
@@ -177,8 +177,7 @@ std::optional<Reconstruction> StartFromPair(const GrowthInput& input, const Seed
     for (const std::uint32_t ray : input.ties.rays_of_image[seed.pair.first.value]) model.Intersect(input.ties.rays[ray].track, tolerance);
     if (!enough()) return std::nullopt;
     AdjustGlobally(input.block, model, {.loss_scale_px = LossScale(input.options)}, context);
-    const Reconstruction before = model;
-    FilterAll(before, model, tolerance);
+    FilterAll(model, tolerance);
   }
   if (!enough()) return std::nullopt;
   return model;
@@ -188,8 +187,7 @@ void Settle(const GrowthInput& input, Reconstruction& model, int rounds, RunCont
   for (int round = 0; round < rounds; ++round) {
     context.ThrowIfStopped();
     AdjustGlobally(input.block, model, {.loss_scale_px = LossScale(input.options)}, context);
-    const Reconstruction before = model;
-    int changed = FilterAll(before, model, ToleranceOf(input.options));
+    int changed = FilterAll(model, ToleranceOf(input.options));
     changed += DropWeakImages(input, model);
     changed += IntersectAll(input, model);
     if (changed < 0.005 * static_cast<double>(2 * model.NumPoints())) break;

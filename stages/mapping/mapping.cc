@@ -86,7 +86,7 @@ Output Run(const Input& input, const Options& options, RunContext& context) {
   std::vector<TwoViewGeometry> pairs(input.pairs.begin(), input.pairs.end());
   std::sort(pairs.begin(), pairs.end(), [](const auto& a, const auto& b) { return a.pair < b.pair; });
   const TieBlock ties = MakeTieBlock(input);
-  const std::vector<SeedPair> seeds = SeedPairs(pairs);
+  const std::vector<SeedPair> seeds = SeedPairs(input, pairs);
   std::vector<std::uint8_t> available(input.block.images.size(), 1);
   const GrowthInput growth{input.block, ties, options, available};
 

@@ -204,6 +204,22 @@ TEST(Adjustment, CountsUnknownsAndRedundancyOfAFreeNetwork) {
   }
 }
 
+TEST(Adjustment, ManyImagesGoThroughTheSparseSolver) {
+  SyntheticOptions o;
+  o.layout = test::Layout::kRing;
+  o.object = test::Object::kSphere;
+  o.images = 230;
+  o.points = 400;
+  o.noise_px = 0.4;
+  o.sequence_window = 1;
+  const SyntheticBlock b = MakeSyntheticBlock(o);
+  Model model = Disturbed(TrueModel(b), 0.001, 5);
+  SerialRunContext context;
+  const Summary summary = adjustment::Run(b.block, model, {}, context);
+  EXPECT_TRUE(summary.converged);
+  EXPECT_NEAR(summary.sigma0_px, 0.4, 0.01);
+}
+
 TEST(Adjustment, HeldImagesAndDatumStay) {
   const SyntheticBlock b = MakeSyntheticBlock({});
   const Model start = Disturbed(TrueModel(b), 0.005, 9);

@@ -169,6 +169,28 @@ TEST(Mapping, DistortedCamera) {
   EXPECT_LT(DeviationFromTruth(b, output.models[0]).center, 1e-6);
 }
 
+TEST(Mapping, PairsKnownByTheFundamentalMatrixOnlyAreEnough) {
+  SyntheticOptions o;
+  o.noise_px = 0.3;
+  SyntheticBlock b = MakeSyntheticBlock(o);
+  Eigen::Matrix3d k;
+  k << o.camera.fx, 0, o.camera.cx, 0, o.camera.fy, o.camera.cy, 0, 0, 1;
+  for (TwoViewGeometry& g : b.pairs) {
+    const Eigen::Vector3d t = g.second_from_first.translation;
+    Eigen::Matrix3d cross;
+    cross << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
+    g.matrix = k.transpose().inverse() * cross * g.second_from_first.RotationMatrix() * k.inverse();
+    g.matrix /= -g.matrix.norm();  // F has no scale and no sign
+    g.model = TwoViewModel::kFundamental;
+    g.second_from_first = Rigid3();
+    g.median_angle_rad = 0;
+  }
+  const Output output = Map(b);
+  ASSERT_EQ(output.models.size(), 1u);
+  EXPECT_EQ(output.models[0].cam_from_world.size(), 8u);
+  EXPECT_LT(DeviationFromTruth(b, output.models[0]).center, 1e-3);
+}
+
 TEST(Mapping, TwoImagesAlone) {
   SyntheticOptions o;
   o.images = 2;
