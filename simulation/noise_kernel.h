@@ -76,9 +76,9 @@ struct NoiseSum {
     return Lerp(w, Lerp(v, a, b), Lerp(v, c, d));
   }
 
-  /// 1 below 0.3 cells a footprint, 0 above 0.6, smoothstep between.
+  /// 1 below 0.5 cells a footprint, 0 above 0.9, smoothstep between.
   static F Fade(F cells_per_footprint) {
-    F t = (0.6F - cells_per_footprint) * (1.0F / 0.3F);
+    F t = (0.9F - cells_per_footprint) * (1.0F / 0.4F);
     t = t < 0.0F ? F{} : t;
     t = t > 1.0F ? F{} + 1.0F : t;
     return t * t * (3.0F - 2.0F * t);
