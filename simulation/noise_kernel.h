@@ -1,4 +1,5 @@
-// The noise sum for vectors of kWidth floats; included by one file a instruction set, so everything has internal linkage.
+// The noise sum for vectors of kWidth floats; included by one file a instruction set, so everything has internal
+// linkage.
 #pragma once
 
 #include <cstring>
@@ -90,7 +91,7 @@ struct NoiseSum {
   }
 
   static F Sum(std::span<const NoiseOctave> octaves, F x, F y, F z, F footprint) {
-    constexpr float kNorm = 1.0F / (511.5F * 0.2655F);  // gradient components to [-1, 1], noise to unit deviation
+    constexpr float kNorm = 1.0F / (511.5F * 0.1915F);  // gradient components to [-1, 1], noise to unit deviation
     F sum{};
     for (const NoiseOctave& octave : octaves) {
       const F fade = Fade(footprint * octave.frequency_per_m);

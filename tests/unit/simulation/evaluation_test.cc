@@ -24,12 +24,14 @@ class EvaluationTest : public testing::Test {
   /// The truth as a model in a frame of its own: x_model = frame * x_world.
   Model TrueModel(const Similarity3& frame) const {
     Model model;
-    for (std::size_t i = 0; i < 6; ++i) model.cam_from_world[ImageId(10 + i)] = TransformPose(frame, renderer_.scene().cam_from_world[i]);
+    for (std::size_t i = 0; i < 6; ++i)
+      model.cam_from_world[ImageId(10 + i)] = TransformPose(frame, renderer_.scene().cam_from_world[i]);
     for (const TruePoint& truth : MakeTruePoints(renderer_, 400)) {
       Point point;
       point.position = frame * truth.position_m;
       for (const auto& p : truth.projections)
-        point.observations.push_back({{ImageId(static_cast<std::uint32_t>(10 + p.image)), 0}, p.pixel_px, Eigen::Vector2d::Zero()});
+        point.observations.push_back(
+            {{ImageId(static_cast<std::uint32_t>(10 + p.image)), 0}, p.pixel_px, Eigen::Vector2d::Zero()});
       model.points.push_back(point);
     }
     return model;
@@ -71,7 +73,9 @@ TEST_F(EvaluationTest, ReportsPlantedErrorsAtTheirSize) {
 
   model = TrueModel(frame_);
   Rigid3& pose = model.cam_from_world.begin()->second;
-  pose = Rigid3(Eigen::Quaterniond(Eigen::AngleAxisd(DegToRad(0.2), Eigen::Vector3d::UnitX())), Eigen::Vector3d::Zero()) * pose;
+  pose =
+      Rigid3(Eigen::Quaterniond(Eigen::AngleAxisd(DegToRad(0.2), Eigen::Vector3d::UnitX())), Eigen::Vector3d::Zero()) *
+      pose;
   const auto turned = EvaluateModel(model, Names(), renderer_);
   EXPECT_NEAR(turned->rotations_deg.max, 0.2, 1e-6);
   EXPECT_LT(turned->centers_m.max, 1e-11) << "turning about the projection centre does not move it";

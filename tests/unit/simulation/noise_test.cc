@@ -20,7 +20,8 @@ Cloud RandomCloud(std::size_t count, double reach_m, double max_footprint_m) {
   Rng rng(3);
   Cloud cloud;
   for (std::size_t i = 0; i < count; ++i) {
-    for (auto* axis : {&cloud.x, &cloud.y, &cloud.z}) axis->push_back(static_cast<float>(rng.Uniform(-reach_m, reach_m)));
+    for (auto* axis : {&cloud.x, &cloud.y, &cloud.z})
+      axis->push_back(static_cast<float>(rng.Uniform(-reach_m, reach_m)));
     cloud.footprint.push_back(static_cast<float>(rng.Uniform(0, max_footprint_m)));
   }
   return cloud;

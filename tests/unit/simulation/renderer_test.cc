@@ -46,7 +46,8 @@ TEST(Renderer, AWindowShowsWhatTheImageShows) {
   const auto radiance = renderer.RenderRadiance(0, window, 1);
   for (int y = 0; y < window.height_px; ++y)
     for (int x = 0; x < window.width_px; ++x)
-      ASSERT_NEAR(255 * radiance[y * window.width_px + x], image.u8[(window.y_px + y) * 323 + window.x_px + x], 0.51 + 1e-3);
+      ASSERT_NEAR(255 * radiance[y * window.width_px + x], image.u8[(window.y_px + y) * 323 + window.x_px + x],
+                  0.51 + 1e-3);
 }
 
 TEST(Renderer, DepthEqualsTheExactRay) {
@@ -105,7 +106,8 @@ TEST(Renderer, NearestPointIsNoFartherThanAnyVertexOrRayHit) {
     const Eigen::Vector3d query(rng.Uniform(-2, 2), rng.Uniform(-2, 2), rng.Uniform(-2, 2));
     const double distance_m = (*renderer.ClosestPoint(query, 100) - query).norm();
     double nearest_vertex_m = 1e9;
-    for (const auto& v : renderer.surface().vertices_m) nearest_vertex_m = std::min(nearest_vertex_m, (v.cast<double>() - query).norm());
+    for (const auto& v : renderer.surface().vertices_m)
+      nearest_vertex_m = std::min(nearest_vertex_m, (v.cast<double>() - query).norm());
     ASSERT_LE(distance_m, nearest_vertex_m + 1e-7);
     ASSERT_GT(distance_m, nearest_vertex_m - 0.05);  // a mesh cell
     ASSERT_FALSE(renderer.ClosestPoint(query, 0.9 * distance_m));

@@ -41,7 +41,8 @@ Eigen::Vector2d Displacement(const Patch& moved, const Patch& reference) {
   const auto mean = [&](int x, int y) { return 0.5 * (moved.At(x, y) + reference.At(x, y)); };
   for (int y = 1; y + 1 < reference.size; ++y)
     for (int x = 1; x + 1 < reference.size; ++x) {
-      const Eigen::Vector4d row(-0.5 * (mean(x + 1, y) - mean(x - 1, y)), -0.5 * (mean(x, y + 1) - mean(x, y - 1)), mean(x, y), 1);
+      const Eigen::Vector4d row(-0.5 * (mean(x + 1, y) - mean(x - 1, y)), -0.5 * (mean(x, y + 1) - mean(x, y - 1)),
+                                mean(x, y), 1);
       normal += row * row.transpose();
       right += row * (moved.At(x, y) - reference.At(x, y));
     }
@@ -52,7 +53,9 @@ TEST(SubPixel, TheEstimatorFindsAKnownShift) {
   // Witness for the tests below: a smooth function sampled at a known distance.
   const Eigen::Vector2d shift(0.037, -0.052);
   Patch reference{31, {}}, moved{31, {}};
-  const auto f = [](double x, double y) { return std::sin(0.5 * x + 0.2 * y) + std::cos(0.31 * y - 0.17 * x) + 0.5 * std::sin(0.8 * y); };
+  const auto f = [](double x, double y) {
+    return std::sin(0.5 * x + 0.2 * y) + std::cos(0.31 * y - 0.17 * x) + 0.5 * std::sin(0.8 * y);
+  };
   for (int y = 0; y < 31; ++y)
     for (int x = 0; x < 31; ++x) {
       reference.values.push_back(static_cast<float>(f(x, y)));
@@ -68,13 +71,15 @@ double RmsAgainstReference(const SceneOptions& options, int count, int size, int
   int used = 0;
   while (used < count) {
     const auto image = rng.Below(static_cast<std::uint32_t>(options.images));
-    const Window window{static_cast<int>(rng.Below(options.width_px - size)), static_cast<int>(rng.Below(options.height_px - size)), size, size};
+    const Window window{static_cast<int>(rng.Below(options.width_px - size)),
+                        static_cast<int>(rng.Below(options.height_px - size)), size, size};
     bool full = true;  // a patch of background has no displacement
     for (const double x : {0.0, 0.5, 1.0})
       for (const double y : {0.0, 0.5, 1.0})
         full = full && renderer.SurfacePoint(image, {window.x_px + x * size, window.y_px + y * size}).has_value();
     if (!full) continue;
-    const Eigen::Vector2d d = Displacement(RenderPatch(renderer, image, window, 1), RenderPatch(renderer, image, window, samples));
+    const Eigen::Vector2d d =
+        Displacement(RenderPatch(renderer, image, window, 1), RenderPatch(renderer, image, window, samples));
     squares += d.squaredNorm() / 2;
     ++used;
   }
@@ -95,7 +100,8 @@ TEST(SubPixel, OneRayAPixelAgreesWithAManyRayReference) {
 double Cubic(const Patch& patch, double x, double y) {
   const int ix = static_cast<int>(std::floor(x)), iy = static_cast<int>(std::floor(y));
   const auto weights = [](double t) {
-    return std::array<double, 4>{0.5 * t * (t * (2 - t) - 1), 0.5 * (t * t * (3 * t - 5) + 2), 0.5 * t * (t * (4 - 3 * t) + 1), 0.5 * t * t * (t - 1)};
+    return std::array<double, 4>{0.5 * t * (t * (2 - t) - 1), 0.5 * (t * t * (3 * t - 5) + 2),
+                                 0.5 * t * (t * (4 - 3 * t) + 1), 0.5 * t * t * (t - 1)};
   };
   const auto wx = weights(x - ix), wy = weights(y - iy);
   double sum = 0;
@@ -114,11 +120,13 @@ TEST(SubPixel, TwoViewsAgreeThroughTheExactGeometry) {
   double squares = 0;
   int count = 0;
   for (int attempt = 0; attempt < 2000 && count < 60; ++attempt) {
-    const Window window{static_cast<int>(rng.Below(1500 - kSize)), static_cast<int>(rng.Below(1000 - kSize)), kSize, kSize};
+    const Window window{static_cast<int>(rng.Below(1500 - kSize)), static_cast<int>(rng.Below(1000 - kSize)), kSize,
+                        kSize};
     const auto middle = renderer.SurfacePoint(0, {window.x_px + 0.5 * kSize, window.y_px + 0.5 * kSize});
     const auto there = middle ? renderer.Project(1, *middle) : std::nullopt;
     if (!there) continue;
-    const Window large{static_cast<int>(there->x()) - kLarge / 2, static_cast<int>(there->y()) - kLarge / 2, kLarge, kLarge};
+    const Window large{static_cast<int>(there->x()) - kLarge / 2, static_cast<int>(there->y()) - kLarge / 2, kLarge,
+                       kLarge};
     if (large.x_px < 0 || large.y_px < 0 || large.x_px + kLarge > 1500 || large.y_px + kLarge > 1000) continue;
     const Patch second = RenderPatch(renderer, 1, large, 1), first = RenderPatch(renderer, 0, window, 1);
     Patch warped{kSize, {}};

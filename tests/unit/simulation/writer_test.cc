@@ -19,7 +19,8 @@ namespace fs = std::filesystem;
 class WriterTest : public testing::Test {
  protected:
   void SetUp() override {
-    folder_ = fs::path(testing::TempDir()) / ("scène " + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
+    folder_ = fs::path(testing::TempDir()) /
+              ("scène " + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
     fs::remove_all(folder_);
   }
   void TearDown() override { fs::remove_all(folder_); }
@@ -54,7 +55,8 @@ TEST_F(WriterTest, ImagesHoldTheRenderedPixelsAndExif) {
     ASSERT_EQ(read.size(), cv::Size(200, 150));
     double worst = 0;
     for (int i = 0; i < 200 * 150; ++i) {
-      const double got = bits == 16 ? read.at<std::uint16_t>(i / 200, i % 200) : read.at<std::uint8_t>(i / 200, i % 200);
+      const double got =
+          bits == 16 ? read.at<std::uint16_t>(i / 200, i % 200) : read.at<std::uint8_t>(i / 200, i % 200);
       worst = std::max(worst, std::abs(got - (bits == 16 ? image.u16[i] : image.u8[i])));
     }
     EXPECT_LE(worst, std::string(format) == "jpg" ? 6 : 0) << format << bits;
@@ -107,7 +109,8 @@ TEST_F(WriterTest, AWholeSceneHasItsTruthBesideIt) {
       std::string name;
       Eigen::Vector2d pixel;
       fields >> name >> pixel.x() >> pixel.y();
-      const auto image = static_cast<std::size_t>(std::find(scene.names.begin(), scene.names.end(), name) - scene.names.begin());
+      const auto image =
+          static_cast<std::size_t>(std::find(scene.names.begin(), scene.names.end(), name) - scene.names.begin());
       EXPECT_LT((*renderer.Project(image, position) - pixel).norm(), 1e-9);
       EXPECT_TRUE(renderer.Visible(position, image));
     }
