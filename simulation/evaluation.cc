@@ -59,7 +59,8 @@ std::optional<Similarity3> FitTrimmed(const Vectors& x_in_a, const Vectors& x_in
 
 class Evaluation {
  public:
-  Evaluation(const Model& model, const std::map<ImageId, std::string>& names, const Renderer& renderer) : model_(model), renderer_(renderer) {
+  Evaluation(const Model& model, const std::map<ImageId, std::string>& names, const Renderer& renderer)
+      : model_(model), renderer_(renderer) {
     const auto& known = renderer.scene().names;
     for (const auto& [id, pose] : model.cam_from_world) {
       const auto name = names.find(id);
@@ -84,7 +85,8 @@ class Evaluation {
     errors.centers_m = Statistics(Distances(*fit, model_centers, true_centers));
     errors.rotations_deg = Rotations(*fit);
     errors.object_distance_m = ObjectDistance();
-    errors.center_relative = errors.centers_m.mean > 0 ? errors.object_distance_m / errors.centers_m.mean : std::numeric_limits<double>::infinity();
+    errors.center_relative = errors.centers_m.mean > 0 ? errors.object_distance_m / errors.centers_m.mean
+                                                       : std::numeric_limits<double>::infinity();
     ComparePoints(errors);
     return errors;
   }
@@ -132,7 +134,8 @@ class Evaluation {
       const Eigen::Vector3d aligned = errors.truth_from_model * point.position;
       // Twice the farthest that the surface can lie: the query always finds it.
       const double radius_m = 2 * (aligned.norm() + 100 * renderer_.scene().options.distance_m);
-      if (const auto nearest = renderer_.ClosestPoint(aligned, radius_m)) to_surface_m.push_back((*nearest - aligned).norm());
+      if (const auto nearest = renderer_.ClosestPoint(aligned, radius_m))
+        to_surface_m.push_back((*nearest - aligned).norm());
       if (const auto truth = TruePoint(point)) {
         model_points.push_back(point.position);
         true_points.push_back(*truth);
@@ -153,7 +156,8 @@ class Evaluation {
 
 }  // namespace
 
-std::optional<ModelErrors> EvaluateModel(const Model& model, const std::map<ImageId, std::string>& image_names, const Renderer& renderer) {
+std::optional<ModelErrors> EvaluateModel(const Model& model, const std::map<ImageId, std::string>& image_names,
+                                         const Renderer& renderer) {
   return Evaluation(model, image_names, renderer).Run();
 }
 

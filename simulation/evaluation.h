@@ -19,11 +19,11 @@ struct ErrorStatistics {
 };
 
 struct ModelErrors {
-  Similarity3 truth_from_model;         ///< least squares over the projection centres
-  ErrorStatistics centers_m;            ///< |aligned centre - true centre|
-  ErrorStatistics rotations_deg;        ///< angle between aligned and true attitude
-  double object_distance_m = 0;         ///< mean distance from the true centres to what the image's middle shows
-  double center_relative = 0;           ///< 1 : N, N = object distance / mean centre error (infinite for no error)
+  Similarity3 truth_from_model;   ///< least squares over the projection centres
+  ErrorStatistics centers_m;      ///< |aligned centre - true centre|
+  ErrorStatistics rotations_deg;  ///< angle between aligned and true attitude
+  double object_distance_m = 0;   ///< mean distance from the true centres to what the image's middle shows
+  double center_relative = 0;     ///< 1 : N, N = object distance / mean centre error (infinite for no error)
   /// Every object point against the true point of its rays: the median, coordinate by coordinate, of where the true
   /// poses' rays through the measured image points meet the surface. Contains the measuring error of those.
   ErrorStatistics points_m;
@@ -37,6 +37,7 @@ struct ModelErrors {
 
 /// `image_names` gives the scene's name of each image of the model; images that the scene does not have are an Error
 /// (kInvalidInput). None with fewer than three images or coinciding centres.
-std::optional<ModelErrors> EvaluateModel(const Model& model, const std::map<ImageId, std::string>& image_names, const Renderer& renderer);
+std::optional<ModelErrors> EvaluateModel(const Model& model, const std::map<ImageId, std::string>& image_names,
+                                         const Renderer& renderer);
 
 }  // namespace rilievo::simulation

@@ -26,7 +26,8 @@ class Gatherer {
     image_.reserve(static_cast<std::size_t>(width) * height);
   }
 
-  /// Takes the next row of sub-samples: `samples` phases of width values each, value (phase, x) at x + (phase + .5)/samples.
+  /// Takes the next row of sub-samples: `samples` phases of width values each, value (phase, x) at x + (phase +
+  /// .5)/samples.
   void AddRow(const std::vector<std::vector<float>>& phases) {
     float* row = Row(rows_seen_++);
     std::fill(row, row + width_, 0.0F);
@@ -38,7 +39,8 @@ class Gatherer {
         for (int x = 0; x < width_; ++x) row[x] += tap * source[x];
       }
     }
-    while (static_cast<int>(image_.size() / width_) < height_ && rows_seen_ >= std::min(PixelRow() + psf_.radius_px + 1, height_) * samples_)
+    while (static_cast<int>(image_.size() / width_) < height_ &&
+           rows_seen_ >= std::min(PixelRow() + psf_.radius_px + 1, height_) * samples_)
       Emit();
   }
   std::vector<float> Take() { return std::move(image_); }
@@ -71,7 +73,8 @@ class Gatherer {
 
 }  // namespace
 
-/// Four rows of rays in the order of the packets. With sub-samples the arrays of points hold four runs, one a sub-sample.
+/// Four rows of rays in the order of the packets. With sub-samples the arrays of points hold four runs, one a
+/// sub-sample.
 struct ImageSampler::Strip {
   bool subs = false;
   std::size_t lanes = 0;
@@ -150,13 +153,14 @@ void ImageSampler::Place(const RayPacket& packet, std::size_t first, const Footi
 
 float ImageSampler::Radiance(float shade, float texture) const {
   if (shade == 0) return kBackground * exposure_;
-  const float s = 0.22F * texture;
+  const float s = 0.16F * texture;
   const float albedo = 0.56F + 0.42F * s / std::sqrt(1 + s * s);
   return exposure_ * shade * albedo;
 }
 
 void ImageSampler::Texture(Strip& strip) const {
-  SumNoise(kernel_, view_.texture, {strip.x_m.data(), strip.y_m.data(), strip.z_m.data(), strip.footprint_m.data(), strip.x_m.size()},
+  SumNoise(kernel_, view_.texture,
+           {strip.x_m.data(), strip.y_m.data(), strip.z_m.data(), strip.footprint_m.data(), strip.x_m.size()},
            strip.texture.data());
   for (std::size_t run = 0; run < strip.x_m.size(); run += strip.lanes)
     for (std::size_t lane = 0; lane < strip.lanes; ++lane)
@@ -174,7 +178,8 @@ void ImageSampler::Trace(double x_px, double y_px, double spacing_px, int width,
   for (int x = 0; x < padded; x += kSide) {
     for (int i = 0; i < kPacket; ++i) {
       const Eigen::Vector2d& ideal = strip.ideal[i / kSide][x + i % kSide];
-      const Eigen::Vector3d direction = world_from_cam_.col(0) * ideal.x() + world_from_cam_.col(1) * ideal.y() + world_from_cam_.col(2);
+      const Eigen::Vector3d direction =
+          world_from_cam_.col(0) * ideal.x() + world_from_cam_.col(1) * ideal.y() + world_from_cam_.col(2);
       packet.dx[i] = static_cast<float>(direction.x()), packet.dy[i] = static_cast<float>(direction.y()),
       packet.dz[i] = static_cast<float>(direction.z());
     }
@@ -208,7 +213,8 @@ std::array<float, 4> ImageSampler::Quadrants(int x_px, int y_px) const {
 
 /// On a plane 1 / Z is linear in the image: a second difference of more than 8 pixel sizes is an edge. `above` is the
 /// depth of the row above the strip (empty at the border), `below` the next strip (null at the border).
-void ImageSampler::RefineEdges(int x_px, int y_px, int width, const std::vector<float>& above, const Strip* below, Strip& strip) const {
+void ImageSampler::RefineEdges(int x_px, int y_px, int width, const std::vector<float>& above, const Strip* below,
+                               Strip& strip) const {
   std::array<std::vector<float>, kSide + 2> inverse;
   const auto fill = [&](std::vector<float>& row, const Strip& from, int r) {
     row.resize(width);

@@ -31,8 +31,8 @@ class ImageSampler {
  public:
   ImageSampler(const SceneView& view, std::size_t image);
 
-  /// Radiance of a window inside the image, row-major. One ray a pixel, at its centre, gives the surface; the texture is
-  /// sampled 2 x 2 times a pixel on the tangent plane there. Pixels at silhouettes get 4 x 4 rays. The point spread
+  /// Radiance of a window inside the image, row-major. One ray a pixel, at its centre, gives the surface; the texture
+  /// is sampled 2 x 2 times a pixel on the tangent plane there. Pixels at silhouettes get 4 x 4 rays. The point spread
   /// function weighs those sub-samples. Beyond the window (or the image) the border's pixels repeat. `depth_m`: if not
   /// null, receives Z in the camera frame at the pixels' centres, 0 where nothing is hit.
   std::vector<float> Render(const Window& window, std::vector<float>* depth_m) const;
@@ -46,7 +46,8 @@ class ImageSampler {
   void Trace(double x_px, double y_px, double spacing_px, int width, Strip& strip) const;
   void Place(const RayPacket& packet, std::size_t lane, const Footing& footing, Strip& strip) const;
   void Texture(Strip& strip) const;
-  void RefineEdges(int x_px, int y_px, int width, const std::vector<float>& above, const Strip* below, Strip& strip) const;
+  void RefineEdges(int x_px, int y_px, int width, const std::vector<float>& above, const Strip* below,
+                   Strip& strip) const;
   std::array<float, 4> Quadrants(int x_px, int y_px) const;
   float Radiance(float shade, float texture) const;
 

@@ -39,7 +39,8 @@ bool NoiseKernelAvailable(NoiseKernel kernel) {
   if (kernel == NoiseKernel::kAvx2) return avx2;
   if (kernel == NoiseKernel::kAvx512)
     return avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-           __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512vnni");
+           __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
+           __builtin_cpu_supports("avx512vnni");
 #endif
   return kernel == NoiseKernel::kScalar;
 }
@@ -54,9 +55,12 @@ NoiseKernel SelectNoiseKernel() {
 
 void SumNoise(NoiseKernel kernel, std::span<const NoiseOctave> octaves, const NoisePoints& points, float* values) {
   switch (kernel) {
-    case NoiseKernel::kAvx512: return SumNoiseAvx512(octaves, points, values);
-    case NoiseKernel::kAvx2: return SumNoiseAvx2(octaves, points, values);
-    case NoiseKernel::kScalar: return SumNoiseScalar(octaves, points, values);
+    case NoiseKernel::kAvx512:
+      return SumNoiseAvx512(octaves, points, values);
+    case NoiseKernel::kAvx2:
+      return SumNoiseAvx2(octaves, points, values);
+    case NoiseKernel::kScalar:
+      return SumNoiseScalar(octaves, points, values);
   }
 }
 

@@ -40,8 +40,8 @@ enum class NoiseKernel { kScalar, kAvx2, kAvx512 };
 NoiseKernel SelectNoiseKernel();
 bool NoiseKernelAvailable(NoiseKernel kernel);
 
-/// values[i] = sum over octaves of amplitude * fade(footprint / cell) * noise(p_i). fade is 1 while a cell spans at least
-/// 1 / 0.3 footprints and 0 from 1 / 0.6 footprints on (smoothstep between): little above the sampling limit is left.
+/// values[i] = sum over octaves of amplitude * fade(footprint / cell) * noise(p_i). fade is 1 while a cell spans at
+/// least 2 footprints and 0 from 1 / 0.9 footprints on (smoothstep between): little above the sampling limit is left.
 /// Octaves must come by rising frequency. All kernels give the same bytes: same order of elementwise operations.
 /// Cost about 5 ns (AVX2) a point and octave. Noise: Perlin, "Improving noise", 2002, with hashed gradients.
 void SumNoise(NoiseKernel kernel, std::span<const NoiseOctave> octaves, const NoisePoints& points, float* values);

@@ -1,4 +1,5 @@
-// The noise sum for vectors of kWidth floats; included by one file a instruction set, so everything has internal linkage.
+// The noise sum for vectors of kWidth floats; included by one file a instruction set, so everything has internal
+// linkage.
 #pragma once
 
 #include <cstring>
@@ -76,9 +77,9 @@ struct NoiseSum {
     return Lerp(w, Lerp(v, a, b), Lerp(v, c, d));
   }
 
-  /// 1 below 0.3 cells a footprint, 0 above 0.6, smoothstep between.
+  /// 1 below 0.5 cells a footprint, 0 above 0.9, smoothstep between.
   static F Fade(F cells_per_footprint) {
-    F t = (0.6F - cells_per_footprint) * (1.0F / 0.3F);
+    F t = (0.9F - cells_per_footprint) * (1.0F / 0.4F);
     t = t < 0.0F ? F{} : t;
     t = t > 1.0F ? F{} + 1.0F : t;
     return t * t * (3.0F - 2.0F * t);
@@ -90,7 +91,7 @@ struct NoiseSum {
   }
 
   static F Sum(std::span<const NoiseOctave> octaves, F x, F y, F z, F footprint) {
-    constexpr float kNorm = 1.0F / (511.5F * 0.2655F);  // gradient components to [-1, 1], noise to unit deviation
+    constexpr float kNorm = 1.0F / (511.5F * 0.1915F);  // gradient components to [-1, 1], noise to unit deviation
     F sum{};
     for (const NoiseOctave& octave : octaves) {
       const F fade = Fade(footprint * octave.frequency_per_m);

@@ -9,7 +9,7 @@ namespace rilievo::simulation {
 /// `sigma_px`, at offsets (k + 0.5) / samples - Radius px from the pixel's centre, k = 0.. ; they sum to 1.
 struct Psf {
   Psf(double sigma_px, int samples);
-  int radius_px = 1;  ///< pixels to either side of the pixel's own that take part; at most 16
+  int radius_px = 1;        ///< pixels to either side of the pixel's own that take part; at most 16
   std::vector<float> taps;  ///< (2 * radius_px + 1) * samples
 };
 

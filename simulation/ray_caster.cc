@@ -39,7 +39,8 @@ struct ClosestQuery {
 
 std::array<Eigen::Vector3d, 3> Corners(const Surface& surface, std::uint32_t triangle) {
   const auto& [a, b, c] = surface.triangles[triangle];
-  return {surface.vertices_m[a].cast<double>(), surface.vertices_m[b].cast<double>(), surface.vertices_m[c].cast<double>()};
+  return {surface.vertices_m[a].cast<double>(), surface.vertices_m[b].cast<double>(),
+          surface.vertices_m[c].cast<double>()};
 }
 
 bool VisitTriangle(RTCPointQueryFunctionArguments* arguments) {
@@ -64,7 +65,8 @@ struct RayCaster::State {
 RayCaster::RayCaster(const Surface& surface) : state_(new State{surface}) {
   state_->device = rtcNewDevice("threads=1,set_affinity=0");
   if (state_->device == nullptr)
-    throw Error(ErrorCode::kInternal, "", "the ray caster (Embree) does not start, error " + std::to_string(rtcGetDeviceError(nullptr)));
+    throw Error(ErrorCode::kInternal, "",
+                "the ray caster (Embree) does not start, error " + std::to_string(rtcGetDeviceError(nullptr)));
   state_->scene = rtcNewScene(state_->device);
   rtcSetSceneFlags(state_->scene, static_cast<RTCSceneFlags>(RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_COMPACT));
   rtcSetSceneBuildQuality(state_->scene, RTC_BUILD_QUALITY_MEDIUM);
@@ -72,10 +74,11 @@ RayCaster::RayCaster(const Surface& surface) : state_(new State{surface}) {
   // Embree reads 16 bytes at each vertex; the buffer of 12-byte vertices is copied so that it can pad the last one.
   auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                                                3 * sizeof(float), surface.vertices_m.size()));
-  auto* indices = static_cast<std::uint32_t*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                                                      3 * sizeof(std::uint32_t), surface.triangles.size()));
+  auto* indices = static_cast<std::uint32_t*>(rtcSetNewGeometryBuffer(
+      geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(std::uint32_t), surface.triangles.size()));
   if (vertices == nullptr || indices == nullptr)
-    throw Error(ErrorCode::kOutOfMemoryBudget, "", "the surface does not fit into memory", "use fewer --surface-points");
+    throw Error(ErrorCode::kOutOfMemoryBudget, "", "the surface does not fit into memory",
+                "use fewer --surface-points");
   std::copy_n(surface.vertices_m.data()->data(), 3 * surface.vertices_m.size(), vertices);
   std::copy_n(surface.triangles.data()->data(), 3 * surface.triangles.size(), indices);
   rtcCommitGeometry(geometry);
@@ -83,7 +86,8 @@ RayCaster::RayCaster(const Surface& surface) : state_(new State{surface}) {
   rtcReleaseGeometry(geometry);
   rtcCommitScene(state_->scene);
   if (rtcGetDeviceError(state_->device) != RTC_ERROR_NONE)
-    throw Error(ErrorCode::kOutOfMemoryBudget, "", "the ray caster cannot hold the surface", "use fewer --surface-points");
+    throw Error(ErrorCode::kOutOfMemoryBudget, "", "the ray caster cannot hold the surface",
+                "use fewer --surface-points");
 }
 
 RayCaster::~RayCaster() {
@@ -92,7 +96,8 @@ RayCaster::~RayCaster() {
 }
 
 void RayCaster::Cast(const Eigen::Vector3f& origin, RayPacket& packet) const {
-  alignas(64) static constexpr std::array<int, kPacket> kAll{-1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
+  alignas(64) static constexpr std::array<int, kPacket> kAll{-1, -1, -1, -1, -1, -1, -1, -1,
+                                                             -1, -1, -1, -1, -1, -1, -1, -1};
   RTCRayHit16 rays;
   for (int i = 0; i < kPacket; ++i) {
     rays.ray.org_x[i] = origin.x(), rays.ray.org_y[i] = origin.y(), rays.ray.org_z[i] = origin.z();
@@ -116,8 +121,10 @@ void RayCaster::Cast(const Eigen::Vector3f& origin, RayPacket& packet) const {
 
 std::optional<RayHit> RayCaster::Cast(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
   RTCRayHit ray{};
-  ray.ray.org_x = static_cast<float>(origin.x()), ray.ray.org_y = static_cast<float>(origin.y()), ray.ray.org_z = static_cast<float>(origin.z());
-  ray.ray.dir_x = static_cast<float>(direction.x()), ray.ray.dir_y = static_cast<float>(direction.y()), ray.ray.dir_z = static_cast<float>(direction.z());
+  ray.ray.org_x = static_cast<float>(origin.x()), ray.ray.org_y = static_cast<float>(origin.y()),
+  ray.ray.org_z = static_cast<float>(origin.z());
+  ray.ray.dir_x = static_cast<float>(direction.x()), ray.ray.dir_y = static_cast<float>(direction.y()),
+  ray.ray.dir_z = static_cast<float>(direction.z());
   ray.ray.tfar = std::numeric_limits<float>::infinity();
   ray.ray.mask = ~0U;
   ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;

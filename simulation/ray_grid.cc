@@ -9,7 +9,8 @@
 namespace rilievo::simulation {
 
 RayGrid::RayGrid(const Camera& camera)
-    : columns_((camera.width_px + kStep_px - 1) / kStep_px + 4), rows_((camera.height_px + kStep_px - 1) / kStep_px + 4) {
+    : columns_((camera.width_px + kStep_px - 1) / kStep_px + 4),
+      rows_((camera.height_px + kStep_px - 1) / kStep_px + 4) {
   nodes_.reserve(static_cast<std::size_t>(columns_) * rows_);
   for (int r = 0; r < rows_; ++r)
     for (int c = 0; c < columns_; ++c) {

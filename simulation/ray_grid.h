@@ -13,7 +13,8 @@ namespace rilievo::simulation {
 /// Lagrange interpolation between them is exact to about 1e-9 for lenses with a few per cent of distortion.
 class RayGrid {
  public:
-  /// Throws Error(kInvalidInput) when the distortion cannot be inverted within 32 px of the image. Cost about 1 ns a pixel.
+  /// Throws Error(kInvalidInput) when the distortion cannot be inverted within 32 px of the image. Cost about 1 ns a
+  /// pixel.
   explicit RayGrid(const Camera& camera);
 
   /// Ideal coordinates of the pixel frame position (x, y), inside the image.

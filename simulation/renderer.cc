@@ -76,7 +76,8 @@ GreyImage Renderer::RenderGrey(std::size_t image) const {
 
 std::vector<float> Renderer::RenderRadiance(std::size_t image, const Window& window, int samples) const {
   const Camera& camera = scene_.camera;
-  RILIEVO_CHECK(image < scene_.names.size() && window.x_px >= 0 && window.y_px >= 0 && window.width_px > 0 && window.height_px > 0);
+  RILIEVO_CHECK(image < scene_.names.size() && window.x_px >= 0 && window.y_px >= 0 && window.width_px > 0 &&
+                window.height_px > 0);
   RILIEVO_CHECK(window.x_px + window.width_px <= camera.width_px && window.y_px + window.height_px <= camera.height_px);
   // As far as the point spread function and the search for edges reach.
   const int margin_px = Psf(scene_.options.blur_px, 1).radius_px + 1;
@@ -88,7 +89,8 @@ std::vector<float> Renderer::RenderRadiance(std::size_t image, const Window& win
   Vignette(radiance, block, camera, scene_.options.vignetting);
   std::vector<float> result;
   for (int y = 0; y < window.height_px; ++y) {
-    const auto row = radiance.begin() + static_cast<std::ptrdiff_t>(window.y_px - y0 + y) * block.width_px + (window.x_px - x0);
+    const auto row =
+        radiance.begin() + static_cast<std::ptrdiff_t>(window.y_px - y0 + y) * block.width_px + (window.x_px - x0);
     result.insert(result.end(), row, row + window.width_px);
   }
   return result;
@@ -98,7 +100,8 @@ DepthImage Renderer::RenderDepth(std::size_t image) const {
   RILIEVO_CHECK(image < scene_.names.size());
   DepthImage depth{scene_.camera.width_px, scene_.camera.height_px, {}};
   depth.depth_m.reserve(static_cast<std::size_t>(depth.width_px) * depth.height_px);
-  ImageSampler({scene_, surface_, caster_, texture_}, image).Render({0, 0, depth.width_px, depth.height_px}, &depth.depth_m);
+  ImageSampler({scene_, surface_, caster_, texture_}, image)
+      .Render({0, 0, depth.width_px, depth.height_px}, &depth.depth_m);
   return depth;
 }
 
@@ -112,7 +115,8 @@ std::optional<Eigen::Vector3d> Renderer::SurfacePoint(std::size_t image, const E
 
 std::optional<Eigen::Vector2d> Renderer::Project(std::size_t image, const Eigen::Vector3d& point_m) const {
   const auto pixel = scene_.camera.model.Project(scene_.cam_from_world.at(image) * point_m);
-  if (!pixel || !(pixel->x() >= 0 && pixel->y() >= 0 && pixel->x() <= scene_.camera.width_px && pixel->y() <= scene_.camera.height_px))
+  if (!pixel || !(pixel->x() >= 0 && pixel->y() >= 0 && pixel->x() <= scene_.camera.width_px &&
+                  pixel->y() <= scene_.camera.height_px))
     return std::nullopt;
   return pixel;
 }
@@ -130,7 +134,8 @@ std::optional<Eigen::Vector3d> Renderer::ClosestPoint(const Eigen::Vector3d& poi
 
 RenderBytes EstimateRenderBytes(const Scene& scene) {
   const SurfaceSize size = PlannedSurfaceSize(scene);
-  const auto w = static_cast<std::uint64_t>(scene.camera.width_px), h = static_cast<std::uint64_t>(scene.camera.height_px);
+  const auto w = static_cast<std::uint64_t>(scene.camera.width_px),
+             h = static_cast<std::uint64_t>(scene.camera.height_px);
   RenderBytes bytes;
   // Surface while it is made (base points in double, displacement arrays), then Embree's copy and hierarchy.
   bytes.shared = 64 * size.vertices + (12 + 12 + 160) * size.triangles + (std::uint64_t{8} << 20);

@@ -39,8 +39,8 @@ class Renderer {
 
   /// The whole image as a camera would store it. Cost about 0.25 us a pixel.
   GreyImage RenderGrey(std::size_t image) const;
-  /// Noise-free radiance of a window (full range = 1), row-major. `samples` = 1: what RenderGrey quantises; 4, 8, 12...: the
-  /// reference with that many rays a pixel along each axis.
+  /// Noise-free radiance of a window (full range = 1), row-major. `samples` = 1: what RenderGrey quantises; 4,
+  /// 8, 12...: the reference with that many rays a pixel along each axis.
   std::vector<float> RenderRadiance(std::size_t image, const Window& window, int samples) const;
   DepthImage RenderDepth(std::size_t image) const;
 

@@ -86,7 +86,8 @@ View StripView(const SceneOptions& o, double focal_px, int i, Rng& rng) {
                    (0.5 * (o.strips - 1) - row) * side_m + rng.Uniform(-2, 2) * jitter_m,
                    reach_m + o.distance_m * rng.Uniform(0.96, 1.04)};
   const double tilt_m = 0.05 * o.distance_m;
-  view.target_m = {view.center_m.x() + rng.Uniform(-tilt_m, tilt_m), view.center_m.y() + rng.Uniform(-tilt_m, tilt_m), 0};
+  view.target_m = {view.center_m.x() + rng.Uniform(-tilt_m, tilt_m), view.center_m.y() + rng.Uniform(-tilt_m, tilt_m),
+                   0};
   view.roll_rad = DegToRad(rng.Uniform(-3, 3));
   return view;
 }
@@ -127,9 +128,12 @@ Eigen::Vector4d PanelSeen(const Scene& scene) {
   for (const Rigid3& pose : scene.cam_from_world) {
     const Eigen::Vector3d center = pose.Center();
     for (int k = 0; k < 8; ++k) {  // corners and the middles of the sides
-      constexpr std::array<std::array<double, 2>, 8> kAt{{{0, 0}, {1, 0}, {1, 1}, {0, 1}, {0.5, 0}, {1, 0.5}, {0.5, 1}, {0, 0.5}}};
+      constexpr std::array<std::array<double, 2>, 8> kAt{
+          {{0, 0}, {1, 0}, {1, 1}, {0, 1}, {0.5, 0}, {1, 0.5}, {0.5, 1}, {0, 0.5}}};
       const auto ray = scene.camera.model.Normalize({kAt[k][0] * o.width_px, kAt[k][1] * o.height_px});
-      if (!ray) throw Error(ErrorCode::kUsage, "--focal-px", "the distortion cannot be inverted at the image border", "use a longer focal length");
+      if (!ray)
+        throw Error(ErrorCode::kUsage, "--focal-px", "the distortion cannot be inverted at the image border",
+                    "use a longer focal length");
       const Eigen::Vector3d direction = pose.rotation.conjugate() * ray->homogeneous();
       const double reach = direction.z() < -0.05 ? (floor_m - center.z()) / direction.z() : 20 * o.distance_m;
       const Eigen::Vector3d seen = center + std::min(reach, 20 * o.distance_m / direction.norm()) * direction;
@@ -149,7 +153,8 @@ void CheckCombination(const SceneOptions& o) {
     throw Error(ErrorCode::kUsage, "--bits", "JPEG files hold 8 bits only", "use --format tif or png for 16 bits");
   const double nearest_m = (o.surface == "relief" ? 0.3 : 0.75) * o.object_size_m;
   if (o.distance_m < nearest_m)
-    throw Error(ErrorCode::kUsage, "--distance-m", "the cameras would stand inside the object", "use a longer distance or a smaller --object-size-m");
+    throw Error(ErrorCode::kUsage, "--distance-m", "the cameras would stand inside the object",
+                "use a longer distance or a smaller --object-size-m");
   if (o.strips > o.images)
     throw Error(ErrorCode::kUsage, "--strips", "there are more strips than images", "use fewer strips");
 }
@@ -159,25 +164,90 @@ void CheckCombination(const SceneOptions& o) {
 std::span<const OptionDeclaration<SceneOptions>> SceneOptionDeclarations() {
   using O = SceneOptions;
   static const std::vector<OptionDeclaration<O>> kDeclarations{
-      {.name = "surface", .member = &O::surface, .unit = "", .help = "object: a displaced panel, a displaced sphere or a statue-like body", .choices = {"relief", "sphere", "statue"}},
-      {.name = "network", .member = &O::network, .unit = "", .help = "layout of the cameras", .choices = {"arc", "strip", "ring", "random"}},
+      {.name = "surface",
+       .member = &O::surface,
+       .unit = "",
+       .help = "object: a displaced panel, a displaced sphere or a statue-like body",
+       .choices = {"relief", "sphere", "statue"}},
+      {.name = "network",
+       .member = &O::network,
+       .unit = "",
+       .help = "layout of the cameras",
+       .choices = {"arc", "strip", "ring", "random"}},
       {.name = "images", .member = &O::images, .min = 1, .max = 100000, .unit = "", .help = "number of images"},
       {.name = "width-px", .member = &O::width_px, .min = 16, .max = 65000, .unit = "px", .help = "image width"},
       {.name = "height-px", .member = &O::height_px, .min = 16, .max = 65000, .unit = "px", .help = "image height"},
-      {.name = "focal-px", .member = &O::focal_px, .min = 0, .max = 1e6, .unit = "px", .help = "principal distance; 0 = 1.1 times the width"},
-      {.name = "distance-m", .member = &O::distance_m, .min = 1e-3, .max = 1e4, .unit = "m", .help = "distance from the cameras to the object's centre"},
-      {.name = "object-size-m", .member = &O::object_size_m, .min = 1e-3, .max = 1e4, .unit = "m", .help = "size of the object; a relief is continued until it fills every image"},
-      {.name = "angle-step-deg", .member = &O::angle_step_deg, .min = 0, .max = 60, .unit = "deg", .help = "intersection angle of neighbouring images in arcs and strips; 0 = the network's own"},
+      {.name = "focal-px",
+       .member = &O::focal_px,
+       .min = 0,
+       .max = 1e6,
+       .unit = "px",
+       .help = "principal distance; 0 = 1.1 times the width"},
+      {.name = "distance-m",
+       .member = &O::distance_m,
+       .min = 1e-3,
+       .max = 1e4,
+       .unit = "m",
+       .help = "distance from the cameras to the object's centre"},
+      {.name = "object-size-m",
+       .member = &O::object_size_m,
+       .min = 1e-3,
+       .max = 1e4,
+       .unit = "m",
+       .help = "size of the object; a relief is continued until it fills every image"},
+      {.name = "angle-step-deg",
+       .member = &O::angle_step_deg,
+       .min = 0,
+       .max = 60,
+       .unit = "deg",
+       .help = "intersection angle of neighbouring images in arcs and strips; 0 = the network's own"},
       {.name = "strips", .member = &O::strips, .min = 1, .max = 1000, .unit = "", .help = "rows of a strip network"},
-      {.name = "noise", .member = &O::noise, .min = 0, .max = 0.5, .unit = "", .help = "standard deviation of the image noise as a fraction of the full range"},
-      {.name = "blur-px", .member = &O::blur_px, .min = 0, .max = 5, .unit = "px", .help = "sigma of the Gaussian point spread function"},
-      {.name = "vignetting", .member = &O::vignetting, .min = 0, .max = 0.9, .unit = "", .help = "loss of light in the image corners as a fraction"},
-      {.name = "exposure-spread", .member = &O::exposure_spread, .min = 0, .max = 0.5, .unit = "", .help = "largest difference of an image's exposure from 1"},
-      {.name = "distortion", .member = &O::distortion, .unit = "", .help = "give the lens radial and tangential distortion"},
+      {.name = "noise",
+       .member = &O::noise,
+       .min = 0,
+       .max = 0.5,
+       .unit = "",
+       .help = "standard deviation of the image noise as a fraction of the full range"},
+      {.name = "blur-px",
+       .member = &O::blur_px,
+       .min = 0,
+       .max = 5,
+       .unit = "px",
+       .help = "sigma of the Gaussian point spread function"},
+      {.name = "vignetting",
+       .member = &O::vignetting,
+       .min = 0,
+       .max = 0.9,
+       .unit = "",
+       .help = "loss of light in the image corners as a fraction"},
+      {.name = "exposure-spread",
+       .member = &O::exposure_spread,
+       .min = 0,
+       .max = 0.5,
+       .unit = "",
+       .help = "largest difference of an image's exposure from 1"},
+      {.name = "distortion",
+       .member = &O::distortion,
+       .unit = "",
+       .help = "give the lens radial and tangential distortion"},
       {.name = "bits", .member = &O::bits, .min = 8, .max = 16, .unit = "", .help = "bits a pixel: 8 or 16"},
-      {.name = "format", .member = &O::format, .unit = "", .help = "format of the image files", .choices = {"jpg", "png", "tif"}},
-      {.name = "surface-points", .member = &O::surface_points, .min = 100, .max = 50000000, .unit = "", .help = "vertices of the surface's mesh, about"},
-      {.name = "seed", .member = &O::seed, .min = 0, .max = 2147483647, .unit = "", .help = "another seed is another object and another network"},
+      {.name = "format",
+       .member = &O::format,
+       .unit = "",
+       .help = "format of the image files",
+       .choices = {"jpg", "png", "tif"}},
+      {.name = "surface-points",
+       .member = &O::surface_points,
+       .min = 100,
+       .max = 50000000,
+       .unit = "",
+       .help = "vertices of the surface's mesh, about"},
+      {.name = "seed",
+       .member = &O::seed,
+       .min = 0,
+       .max = 2147483647,
+       .unit = "",
+       .help = "another seed is another object and another network"},
   };
   return kDeclarations;
 }

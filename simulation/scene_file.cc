@@ -48,7 +48,8 @@ class Reader {
   }
   std::vector<double> Numbers(const Json& object, const std::string& key, std::size_t count) const {
     const Json& value = Member(object, key);
-    if (!value.is_array() || value.size() != count) Fail("'" + key + "' is not a list of " + std::to_string(count) + " numbers");
+    if (!value.is_array() || value.size() != count)
+      Fail("'" + key + "' is not a list of " + std::to_string(count) + " numbers");
     std::vector<double> numbers;
     for (const Json& element : value) numbers.push_back(Number(element, key));
     return numbers;
@@ -119,7 +120,8 @@ void Reader::ReadImages(const Json& json, Scene& scene) const {
   for (const Json& image : json) {
     scene.names.push_back(Text(image, "name"));
     const std::string& name = scene.names.back();
-    if (name.empty() || name.find_first_of("/\\") != std::string::npos || name[0] == '.') Fail("'" + name + "' is not a file name");
+    if (name.empty() || name.find_first_of("/\\") != std::string::npos || name[0] == '.')
+      Fail("'" + name + "' is not a file name");
     if (!seen.insert(name).second) Fail("image '" + name + "' is there twice");
     const auto q = Numbers(image, "rotation_wxyz", 4), t = Numbers(image, "translation_m", 3);
     Rigid3 pose;  // as it stands: normalising again could change the last bit
@@ -130,7 +132,8 @@ void Reader::ReadImages(const Json& json, Scene& scene) const {
     scene.exposures.push_back(Number(image, "exposure", name));
     if (!(scene.exposures.back() > 0)) Fail("the exposure of '" + name + "' is not positive");
   }
-  if (scene.names.size() != static_cast<std::size_t>(scene.options.images)) Fail("option 'images' and the list of images disagree");
+  if (scene.names.size() != static_cast<std::size_t>(scene.options.images))
+    Fail("option 'images' and the list of images disagree");
 }
 
 }  // namespace
@@ -142,8 +145,19 @@ std::string SceneText(const Scene& scene) {
   json["renderer_version"] = kRendererVersion;
   json["options"] = OptionsToJson(scene.options);
   const CameraModel& m = scene.camera.model;
-  json["camera"] = {{"model", std::string(CameraModelName(m.kind))}, {"fx_px", m.fx}, {"fy_px", m.fy}, {"cx_px", m.cx}, {"cy_px", m.cy},
-                    {"k1", m.k1}, {"k2", m.k2}, {"p1", m.p1}, {"p2", m.p2}, {"k3", m.k3}, {"k4", m.k4}, {"k5", m.k5}, {"k6", m.k6}};
+  json["camera"] = {{"model", std::string(CameraModelName(m.kind))},
+                    {"fx_px", m.fx},
+                    {"fy_px", m.fy},
+                    {"cx_px", m.cx},
+                    {"cy_px", m.cy},
+                    {"k1", m.k1},
+                    {"k2", m.k2},
+                    {"p1", m.p1},
+                    {"p2", m.p2},
+                    {"k3", m.k3},
+                    {"k4", m.k4},
+                    {"k5", m.k5},
+                    {"k6", m.k6}};
   json["panel_m"] = {scene.panel_m[0], scene.panel_m[1], scene.panel_m[2], scene.panel_m[3]};
   json["images"] = Json::array();
   for (std::size_t i = 0; i < scene.names.size(); ++i) {
@@ -170,7 +184,8 @@ Scene ParseScene(const std::string& text, const std::string& path) {
   scene.camera = reader.ReadCamera(reader.Member(json, "camera"), scene.options);
   const auto panel_m = reader.Numbers(json, "panel_m", 4);
   scene.panel_m = {panel_m[0], panel_m[1], panel_m[2], panel_m[3]};
-  if (scene.options.surface == "relief" && !(panel_m[1] > panel_m[0] && panel_m[3] > panel_m[2])) reader.Fail("the panel is empty");
+  if (scene.options.surface == "relief" && !(panel_m[1] > panel_m[0] && panel_m[3] > panel_m[2]))
+    reader.Fail("the panel is empty");
   reader.ReadImages(reader.Member(json, "images"), scene);
   return scene;
 }
@@ -179,16 +194,20 @@ void WriteSceneFile(const Scene& scene, const std::filesystem::path& path) {
   std::ofstream file(path, std::ios::binary);
   file << SceneText(scene);
   file.close();
-  if (!file) throw Error(ErrorCode::kIo, path.string(), "cannot be written", "check the folder's permissions and the free disk space");
+  if (!file)
+    throw Error(ErrorCode::kIo, path.string(), "cannot be written",
+                "check the folder's permissions and the free disk space");
 }
 
 Scene ReadSceneFile(const std::filesystem::path& path) {
   std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored)) throw Error(ErrorCode::kNotFound, path.string(), "there is no such scene file");
+  if (!std::filesystem::exists(path, ignored))
+    throw Error(ErrorCode::kNotFound, path.string(), "there is no such scene file");
   std::ifstream file(path, std::ios::binary);
   std::ostringstream text;
   text << file.rdbuf();
-  if (!file || std::filesystem::is_directory(path, ignored)) throw Error(ErrorCode::kUnreadable, path.string(), "cannot be read");
+  if (!file || std::filesystem::is_directory(path, ignored))
+    throw Error(ErrorCode::kUnreadable, path.string(), "cannot be read");
   return ParseScene(text.str(), path.string());
 }
 

@@ -27,7 +27,8 @@ GreyImage ScenePixelSource::Load(const std::string& image_name, bool with_color)
 }
 
 std::uint64_t ScenePixelSource::LoadPeakBytes(int width_px, int height_px, int, int) const {
-  return EstimateRenderBytes(renderer_->scene()).per_image + 3 * static_cast<std::uint64_t>(width_px) * static_cast<std::uint64_t>(height_px);
+  return EstimateRenderBytes(renderer_->scene()).per_image +
+         3 * static_cast<std::uint64_t>(width_px) * static_cast<std::uint64_t>(height_px);
 }
 
 ExifData SceneExif(const Scene& scene, std::size_t image) {
@@ -41,8 +42,8 @@ ExifData SceneExif(const Scene& scene, std::size_t image) {
   exif.lens = "Simulated lens";
   char text[32];
   const std::size_t minutes = image % 1440;  // one exposure a minute
-  std::snprintf(text, sizeof text, "2025:01:%02d %02d:%02d:00", static_cast<int>(1 + image / 1440 % 28), static_cast<int>(minutes / 60),
-                static_cast<int>(minutes % 60));
+  std::snprintf(text, sizeof text, "2025:01:%02d %02d:%02d:00", static_cast<int>(1 + image / 1440 % 28),
+                static_cast<int>(minutes / 60), static_cast<int>(minutes % 60));
   exif.date_time = text;
   exif.focal_plane_x_res_per_mm = scene.camera.width_px / kSensor_mm;
   return exif;

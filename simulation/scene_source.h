@@ -28,8 +28,8 @@ class ScenePixelSource : public PixelSource {
 /// EXIF data of image `image`, as written into the files: a full-frame camera ("Rilievo", 36 mm wide).
 ExifData SceneExif(const Scene& scene, std::size_t image);
 
-/// The block of the scene: its camera (given calibration) and images. An image's content digest is the hash of the scene
-/// file's text and the image's index: it changes whenever a pixel may.
+/// The block of the scene: its camera (given calibration) and images. An image's content digest is the hash of the
+/// scene file's text and the image's index: it changes whenever a pixel may.
 Block SceneBlock(const Scene& scene);
 
 }  // namespace rilievo::simulation

@@ -26,7 +26,8 @@ GridSize PlanGrid(const Scene& scene) {
     aspect = (scene.panel_m[1] - scene.panel_m[0]) / (scene.panel_m[3] - scene.panel_m[2]);
   if (scene.options.surface == "statue") aspect = 0.8;
   const double columns = std::clamp(std::round(std::sqrt(points * aspect)), 8.0, 60000.0);
-  return {static_cast<std::uint32_t>(columns), static_cast<std::uint32_t>(std::clamp(std::round(points / columns), 8.0, 60000.0))};
+  return {static_cast<std::uint32_t>(columns),
+          static_cast<std::uint32_t>(std::clamp(std::round(points / columns), 8.0, 60000.0))};
 }
 
 bool IsClosed(const Scene& scene) { return scene.options.surface != "relief"; }
@@ -37,7 +38,8 @@ double StatueRadius(double h) {
     const double d = (h - at) / width;
     return size * std::exp(-d * d);
   };
-  const double body = 0.17 + bump(-0.85, 0.22, 0.26) + bump(-0.35, 0.30, 0.13) + bump(0.28, 0.22, 0.20) + bump(0.78, 0.17, 0.14);
+  const double body =
+      0.17 + bump(-0.85, 0.22, 0.26) + bump(-0.35, 0.30, 0.13) + bump(0.28, 0.22, 0.20) + bump(0.78, 0.17, 0.14);
   return body * std::sqrt(std::max(0.0, 1 - std::pow(h, 8)));
 }
 
@@ -54,9 +56,11 @@ std::vector<Eigen::Vector3d> BaseVertices(const Scene& scene, GridSize grid) {
   for (std::uint32_t r = 0; r < grid.rows; ++r)
     for (std::uint32_t c = 0; c < grid.columns; ++c) {
       if (IsClosed(scene)) {
-        base.push_back(ClosedPoint(scene.options, 2 * std::numbers::pi * c / grid.columns, (r + 1.0) / (grid.rows + 1.0)));
+        base.push_back(
+            ClosedPoint(scene.options, 2 * std::numbers::pi * c / grid.columns, (r + 1.0) / (grid.rows + 1.0)));
       } else {
-        base.emplace_back(p[0] + (p[1] - p[0]) * c / (grid.columns - 1), p[2] + (p[3] - p[2]) * r / (grid.rows - 1), 0.0);
+        base.emplace_back(p[0] + (p[1] - p[0]) * c / (grid.columns - 1), p[2] + (p[3] - p[2]) * r / (grid.rows - 1),
+                          0.0);
       }
     }
   if (IsClosed(scene)) {
@@ -71,7 +75,8 @@ std::vector<std::array<std::uint32_t, 3>> Triangles(bool closed, GridSize grid) 
   const std::uint32_t columns = grid.columns, last = closed ? columns : columns - 1;
   for (std::uint32_t r = 0; r + 1 < grid.rows; ++r)
     for (std::uint32_t c = 0; c < last; ++c) {
-      const std::uint32_t right = (c + 1) % columns, a = r * columns + c, b = r * columns + right, d = a + columns, e = b + columns;
+      const std::uint32_t right = (c + 1) % columns, a = r * columns + c, b = r * columns + right, d = a + columns,
+                          e = b + columns;
       triangles.push_back({a, b, e});
       triangles.push_back({a, e, d});
     }
@@ -97,12 +102,13 @@ std::vector<Eigen::Vector3f> SmoothNormals(const std::vector<Eigen::Vector3f>& v
   return normals;
 }
 
-/// Height of the displacement along the base's normal, and across it for closed objects: from a third of the object down
-/// to four mesh cells.
+/// Height of the displacement along the base's normal, and across it for closed objects: from a third of the object
+/// down to four mesh cells.
 std::vector<float> Displacements(const Scene& scene, const std::vector<Eigen::Vector3d>& base, double step_m) {
   const double size_m = scene.options.object_size_m, first_cell_m = size_m / (IsClosed(scene) ? 3.5 : 2.5);
-  const int count = std::clamp(1 + static_cast<int>(std::floor(std::log(first_cell_m / (4 * step_m)) / std::log(2.03))), 1, 9);
-  const auto octaves = MakeOctaves({first_cell_m, 2.03, (IsClosed(scene) ? 0.012 : 0.024) * size_m, 0.47, count},
+  const int count =
+      std::clamp(1 + static_cast<int>(std::floor(std::log(first_cell_m / (4 * step_m)) / std::log(2.03))), 1, 9);
+  const auto octaves = MakeOctaves({first_cell_m, 2.03, (IsClosed(scene) ? 0.0087 : 0.0173) * size_m, 0.47, count},
                                    SeedFor(static_cast<std::uint64_t>(scene.options.seed), kReliefKey));
   std::array<std::vector<float>, 4> at;
   for (auto& axis : at) axis.reserve(base.size());
@@ -111,7 +117,8 @@ std::vector<float> Displacements(const Scene& scene, const std::vector<Eigen::Ve
     at[3].push_back(0.0F);
   }
   std::vector<float> heights_m(base.size());
-  SumNoise(SelectNoiseKernel(), octaves, {at[0].data(), at[1].data(), at[2].data(), at[3].data(), base.size()}, heights_m.data());
+  SumNoise(SelectNoiseKernel(), octaves, {at[0].data(), at[1].data(), at[2].data(), at[3].data(), base.size()},
+           heights_m.data());
   return heights_m;
 }
 

@@ -11,8 +11,8 @@
 
 namespace rilievo::simulation {
 
-/// Vertices in world metres; triangles counter-clockwise seen from outside (a relief: from +z). The triangles themselves
-/// are the truth; the normals only shade.
+/// Vertices in world metres; triangles counter-clockwise seen from outside (a relief: from +z). The triangles
+/// themselves are the truth; the normals only shade.
 struct Surface {
   std::vector<Eigen::Vector3f> vertices_m, normals;
   std::vector<std::array<std::uint32_t, 3>> triangles;

@@ -31,7 +31,8 @@ void WriteFile(const fs::path& path, const char* data, std::size_t size) {
   if (file) fs::rename(temporary, path, failed);
   if (!file || failed) {
     fs::remove(temporary, failed);
-    throw Error(ErrorCode::kIo, path.string(), "cannot be written", "check the folder's permissions and the free disk space");
+    throw Error(ErrorCode::kIo, path.string(), "cannot be written",
+                "check the folder's permissions and the free disk space");
   }
 }
 void WriteFile(const fs::path& path, const std::string& text) { WriteFile(path, text.data(), text.size()); }
@@ -73,7 +74,8 @@ std::string CamerasText(const Camera& camera) {
   if (m.kind == CameraModelKind::kOpenCv || m.kind == CameraModelKind::kFullOpenCv)
     values.insert(values.end(), {m.k1, m.k2, m.p1, m.p2});
   if (m.kind == CameraModelKind::kFullOpenCv) values.insert(values.end(), {m.k3, m.k4, m.k5, m.k6});
-  if (m.kind == CameraModelKind::kSimplePinhole || m.kind == CameraModelKind::kSimpleRadial || m.kind == CameraModelKind::kRadial)
+  if (m.kind == CameraModelKind::kSimplePinhole || m.kind == CameraModelKind::kSimpleRadial ||
+      m.kind == CameraModelKind::kRadial)
     values = {m.fx, m.cx, m.cy};
   if (m.kind == CameraModelKind::kSimpleRadial) values.push_back(m.k1);
   if (m.kind == CameraModelKind::kRadial) values.insert(values.end(), {m.k1, m.k2});
@@ -104,7 +106,8 @@ std::string PointsText(const Scene& scene, const std::vector<TruePoint>& points)
     text += std::to_string(i + 1);
     for (int k = 0; k < 3; ++k) text += " " + Text(point.position_m[k]);
     text += " " + std::to_string(point.projections.size());
-    for (const auto& p : point.projections) text += " " + scene.names[p.image] + " " + Text(p.pixel_px.x()) + " " + Text(p.pixel_px.y());
+    for (const auto& p : point.projections)
+      text += " " + scene.names[p.image] + " " + Text(p.pixel_px.x()) + " " + Text(p.pixel_px.y());
     text += "\n";
   }
   return text;
@@ -113,8 +116,10 @@ std::string PointsText(const Scene& scene, const std::vector<TruePoint>& points)
 std::string SurfacePly(const Surface& surface) {
   static_assert(std::endian::native == std::endian::little);
   std::string ply = "ply\nformat binary_little_endian 1.0\ncomment world frame, metres\nelement vertex " +
-                    std::to_string(surface.vertices_m.size()) + "\nproperty float x\nproperty float y\nproperty float z\nelement face " +
-                    std::to_string(surface.triangles.size()) + "\nproperty list uchar uint vertex_indices\nend_header\n";
+                    std::to_string(surface.vertices_m.size()) +
+                    "\nproperty float x\nproperty float y\nproperty float z\nelement face " +
+                    std::to_string(surface.triangles.size()) +
+                    "\nproperty list uchar uint vertex_indices\nend_header\n";
   ply.reserve(ply.size() + 12 * surface.vertices_m.size() + 13 * surface.triangles.size());
   for (const auto& vertex : surface.vertices_m) ply.append(reinterpret_cast<const char*>(vertex.data()), 12);
   for (const auto& triangle : surface.triangles) {
@@ -152,10 +157,12 @@ Exiv2::ExifData ToExiv2(const ExifData& exif) {
   return data;
 }
 
-std::vector<std::uint8_t> Encode(const GreyImage& grey, const SceneOptions& options, int jpeg_quality, const std::string& name) {
+std::vector<std::uint8_t> Encode(const GreyImage& grey, const SceneOptions& options, int jpeg_quality,
+                                 const std::string& name) {
   // OpenCV only reads the pixels.
-  const cv::Mat pixels = grey.Is16Bit() ? cv::Mat(grey.height_px, grey.width_px, CV_16U, const_cast<std::uint16_t*>(grey.u16.data()))
-                                        : cv::Mat(grey.height_px, grey.width_px, CV_8U, const_cast<std::uint8_t*>(grey.u8.data()));
+  const cv::Mat pixels =
+      grey.Is16Bit() ? cv::Mat(grey.height_px, grey.width_px, CV_16U, const_cast<std::uint16_t*>(grey.u16.data()))
+                     : cv::Mat(grey.height_px, grey.width_px, CV_8U, const_cast<std::uint8_t*>(grey.u8.data()));
   std::vector<int> parameters;
   if (options.format == "jpg") parameters = {cv::IMWRITE_JPEG_QUALITY, jpeg_quality};
   if (options.format == "png") parameters = {cv::IMWRITE_PNG_COMPRESSION, 1};
@@ -165,7 +172,8 @@ std::vector<std::uint8_t> Encode(const GreyImage& grey, const SceneOptions& opti
     done = cv::imencode("." + options.format, pixels, encoded, parameters);
   } catch (const cv::Exception&) {
   }
-  if (!done) throw Error(ErrorCode::kUnsupported, name, "cannot be encoded as " + options.format, "use another --format");
+  if (!done)
+    throw Error(ErrorCode::kUnsupported, name, "cannot be encoded as " + options.format, "use another --format");
   return encoded;
 }
 

@@ -26,17 +26,19 @@ struct TruePoint {
   std::vector<Projection> projections;  ///< by image, at least one
 };
 
-/// `count` points of the surface, each drawn at a random pixel of an image, the images in turn. Deterministic. Fewer when
-/// images show little of the object.
+/// `count` points of the surface, each drawn at a random pixel of an image, the images in turn. Deterministic. Fewer
+/// when images show little of the object.
 std::vector<TruePoint> MakeTruePoints(const Renderer& renderer, int count);
 
-/// scene.json, calibration.toml, truth/{poses.txt, cameras.txt, points.txt, surface.ply}: all but the images. Creates the
-/// folders. Throws Error(kIo).
+/// scene.json, calibration.toml, truth/{poses.txt, cameras.txt, points.txt, surface.ply}: all but the images. Creates
+/// the folders. Throws Error(kIo).
 void WriteSceneData(const Renderer& renderer, const std::filesystem::path& folder, const WriteOptions& options);
 /// images/NAME and, if asked for, truth/depth/NAME.pfm of one image. Creates the folders; each file appears complete or
 /// not at all. Throws Error(kIo).
-void WriteSceneImage(const Renderer& renderer, std::size_t image, const std::filesystem::path& folder, const WriteOptions& options);
+void WriteSceneImage(const Renderer& renderer, std::size_t image, const std::filesystem::path& folder,
+                     const WriteOptions& options);
 /// All of it, the images through context.ParallelFor.
-void WriteScene(const Scene& scene, const std::filesystem::path& folder, const WriteOptions& options, RunContext& context);
+void WriteScene(const Scene& scene, const std::filesystem::path& folder, const WriteOptions& options,
+                RunContext& context);
 
 }  // namespace rilievo::simulation
