@@ -122,71 +122,110 @@ FormatHeader ReadPng(const HeaderFile& file) {
   const bool plausible = (depth == 1 || depth == 2 || depth == 4 || depth == 8 || depth == 16) &&
                          (color == 0 || color == 2 || color == 3 || color == 4 || color == 6);
   if (!plausible) throw file.Bad("corrupt PNG header: impossible sample format");
-  for (std::uint64_t at = 33; at + 12 <= file.size();) {
-    std::array<std::uint8_t, 8> chunk;
-    file.Read(at, chunk);
-    const auto length = Number(chunk, 4, true);
-    const std::string_view type(reinterpret_cast<const char*>(chunk.data()) + 4, 4);
-    if (type == "eXIf" && length <= (1U << 20) && at + 12 + length <= file.size()) {
-      header.exif.resize(length);
-      file.Read(at + 8, header.exif);
-    }
-    if (type == "eXIf" || type == "IEND") break;
-    at += 12 + length;
-  }
   return header;
 }
 
-/// The numbers of one directory entry of type BYTE, SHORT, LONG or LONG8; at most `limit` of them.
-std::vector<std::uint64_t> TiffValues(const HeaderFile& file, std::uint64_t entry, bool big_endian, bool big_tiff,
-                                      std::size_t limit) {
-  const auto type = ReadNumber(file, entry + 2, 2, big_endian);
+struct TiffLayout {
+  bool big_endian = false, big_tiff = false;
+  int word() const { return big_tiff ? 8 : 4; }
+  std::uint64_t ValueAt(std::uint64_t entry) const { return entry + 4 + static_cast<std::uint64_t>(word()); }
+};
+
+/// The numbers of one directory entry of type BYTE, SHORT, LONG or LONG8.
+std::vector<std::uint64_t> TiffValues(const HeaderFile& file, std::uint64_t entry, const TiffLayout& layout) {
+  const auto type = ReadNumber(file, entry + 2, 2, layout.big_endian);
   const int bytes = type == 1 ? 1 : type == 3 ? 2 : type == 4 ? 4 : type == 16 ? 8 : 0;
   if (bytes == 0) throw file.Bad("corrupt TIFF header: impossible type of a number");
-  const int word = big_tiff ? 8 : 4;
-  const auto count = ReadNumber(file, entry + 4, word, big_endian);
-  const std::uint64_t inline_at = entry + 4 + static_cast<std::uint64_t>(word);
-  const bool is_inline = count <= static_cast<std::uint64_t>(word / bytes);
-  const std::uint64_t at = is_inline ? inline_at : ReadNumber(file, inline_at, word, big_endian);
-  std::vector<std::uint64_t> values;
-  for (std::uint64_t i = 0; i < count && i < limit; ++i)
-    values.push_back(ReadNumber(file, at + i * static_cast<std::uint64_t>(bytes), bytes, big_endian));
+  const auto count = ReadNumber(file, entry + 4, layout.word(), layout.big_endian);
+  if (count > (1U << 22)) throw file.Bad("corrupt TIFF header: impossible number of values");
+  const bool is_inline = count <= static_cast<std::uint64_t>(layout.word() / bytes);
+  const std::uint64_t at =
+      is_inline ? layout.ValueAt(entry) : ReadNumber(file, layout.ValueAt(entry), layout.word(), layout.big_endian);
+  std::vector<std::uint8_t> raw(count * static_cast<std::uint64_t>(bytes));
+  file.Read(at, raw);
+  std::vector<std::uint64_t> values(count);
+  for (std::size_t i = 0; i < values.size(); ++i)
+    values[i] = Number(std::span(raw).subspan(i * static_cast<std::size_t>(bytes)), bytes, layout.big_endian);
+  if (values.empty()) throw file.Bad("corrupt TIFF header: a tag without value");
   return values;
 }
 
+/// The tags that matter here, of the first directory.
+struct TiffTags {
+  std::uint64_t width_px = 0, height_px = 0, channels = 1, photometric = 1, sample_format = 1, orientation_at = 0;
+  std::vector<std::uint64_t> bits{1}, offsets, byte_counts;
+};
+
+TiffTags ReadTiffTags(const HeaderFile& file, const TiffLayout& layout) {
+  TiffTags tags;
+  const std::uint64_t directory = ReadNumber(file, layout.big_tiff ? 8 : 4, layout.word(), layout.big_endian);
+  const auto entries = ReadNumber(file, directory, layout.big_tiff ? 8 : 2, layout.big_endian);
+  if (entries > 4096) throw file.Bad("corrupt TIFF header: impossible number of tags");
+  for (std::uint64_t i = 0; i < entries; ++i) {
+    const std::uint64_t entry = directory + (layout.big_tiff ? 8 : 2) + i * (layout.big_tiff ? 20 : 12);
+    switch (ReadNumber(file, entry, 2, layout.big_endian)) {
+      case 256:
+        tags.width_px = TiffValues(file, entry, layout)[0];
+        break;
+      case 257:
+        tags.height_px = TiffValues(file, entry, layout)[0];
+        break;
+      case 258:
+        tags.bits = TiffValues(file, entry, layout);
+        break;
+      case 262:
+        tags.photometric = TiffValues(file, entry, layout)[0];
+        break;
+      case 274:
+        tags.orientation_at = layout.ValueAt(entry);
+        break;
+      case 277:
+        tags.channels = TiffValues(file, entry, layout)[0];
+        break;
+      case 339:
+        tags.sample_format = TiffValues(file, entry, layout)[0];
+        break;
+      case 273:  // strips
+      case 324:
+        tags.offsets = TiffValues(file, entry, layout);
+        break;
+      case 279:
+      case 325:
+        tags.byte_counts = TiffValues(file, entry, layout);
+        break;
+      default:
+        break;
+    }
+  }
+  return tags;
+}
+
 FormatHeader ReadTiff(const HeaderFile& file, bool big_endian) {
+  const TiffLayout layout{big_endian, ReadNumber(file, 2, 2, big_endian) == 43};
+  const TiffTags tags = ReadTiffTags(file, layout);
   FormatHeader header;
   header.format = ImageFormat::kTiff;
-  const bool big_tiff = ReadNumber(file, 2, 2, big_endian) == 43;
-  const std::uint64_t directory = big_tiff ? ReadNumber(file, 8, 8, big_endian) : ReadNumber(file, 4, 4, big_endian);
-  const auto entries = ReadNumber(file, directory, big_tiff ? 8 : 2, big_endian);
-  if (entries > 4096) throw file.Bad("corrupt TIFF header: impossible number of tags");
-  std::uint64_t sample_format = 1, photometric = 1;
-  std::vector<std::uint64_t> bits{1};
-  header.channels = 1;
-  for (std::uint64_t i = 0; i < entries; ++i) {
-    const std::uint64_t entry = directory + (big_tiff ? 8 : 2) + i * (big_tiff ? 20 : 12);
-    const auto tag = ReadNumber(file, entry, 2, big_endian);
-    if (tag != 256 && tag != 257 && tag != 258 && tag != 262 && tag != 277 && tag != 339) continue;
-    const auto values = TiffValues(file, entry, big_endian, big_tiff, 16);
-    if (values.empty()) throw file.Bad("corrupt TIFF header: a tag without value");
-    if (tag == 256) header.width_px = static_cast<long long>(std::min<std::uint64_t>(values[0], 1U << 31));
-    if (tag == 257) header.height_px = static_cast<long long>(std::min<std::uint64_t>(values[0], 1U << 31));
-    if (tag == 258) bits = values;
-    if (tag == 262) photometric = values[0];
-    if (tag == 277) header.channels = static_cast<int>(std::min<std::uint64_t>(values[0], 1000));
-    if (tag == 339) sample_format = values[0];
-  }
-  header.bits_per_sample = static_cast<int>(std::min<std::uint64_t>(bits[0], 1000));
-  if (sample_format != 1) throw file.Unsupported("TIFF of signed or floating point samples is not read");
-  if ((bits[0] != 8 && bits[0] != 16) || std::any_of(bits.begin(), bits.end(), [&](auto b) { return b != bits[0]; }))
+  header.is_big_endian = big_endian;
+  header.tiff_orientation_at = tags.orientation_at;
+  header.width_px = static_cast<long long>(std::min<std::uint64_t>(tags.width_px, 1U << 31));
+  header.height_px = static_cast<long long>(std::min<std::uint64_t>(tags.height_px, 1U << 31));
+  header.bits_per_sample = static_cast<int>(std::min<std::uint64_t>(tags.bits[0], 1000));
+  header.channels = tags.photometric == 3 ? 3 : static_cast<int>(std::min<std::uint64_t>(tags.channels, 1000));
+  if (tags.sample_format != 1) throw file.Unsupported("TIFF of signed or floating point samples is not read");
+  const bool equal_bits = std::all_of(tags.bits.begin(), tags.bits.end(), [&](auto b) { return b == tags.bits[0]; });
+  if ((tags.bits[0] != 8 && tags.bits[0] != 16) || !equal_bits)
     throw file.Unsupported("TIFF of " + std::to_string(header.bits_per_sample) + " bits a sample is not read");
-  if (photometric == 5) throw file.Unsupported("CMYK TIFF is not read");
-  if (photometric != 0 && photometric != 1 && photometric != 2 && photometric != 3 && photometric != 6)
-    throw file.Unsupported("TIFF of colour kind " + std::to_string(photometric) + " is not read");
-  if (photometric == 3) header.channels = 3;
+  if (tags.photometric == 5) throw file.Unsupported("CMYK TIFF is not read");
+  // 0 and 1 grey, 2 RGB, 3 palette, 6 YCbCr
+  if (tags.photometric > 3 && tags.photometric != 6)
+    throw file.Unsupported("TIFF of colour kind " + std::to_string(tags.photometric) + " is not read");
   if (header.channels < 1 || header.channels > 4)
     throw file.Unsupported("TIFF of " + std::to_string(header.channels) + " channels is not read");
+  if (tags.offsets.empty() || tags.offsets.size() != tags.byte_counts.size())
+    throw file.Bad("corrupt TIFF header: no pixels");
+  for (std::size_t i = 0; i < tags.offsets.size(); ++i)
+    if (tags.offsets[i] > file.size() || tags.byte_counts[i] > file.size() - tags.offsets[i])
+      throw file.Bad("truncated: the TIFF's pixels end after the file does");
   return header;
 }
 

@@ -13,8 +13,8 @@ namespace rilievo::io {
 namespace {
 
 /// Exiv2 has two things that are set once a process: its log, silenced here (reasons go into Error), and its XMP
-/// toolkit, whose start is not safe in two tasks at once; TIFF files may carry XMP, so it is started before the first
-/// file.
+/// toolkit, whose start is not safe in two tasks at once; PNG and TIFF files may carry XMP, so it is started before the
+/// first file.
 bool PrepareExiv2() {
   Exiv2::LogMsg::setLevel(Exiv2::LogMsg::mute);
   return Exiv2::XmpParser::initialize();
@@ -99,7 +99,7 @@ ExifData Extract(const Exiv2::ExifData& data) {
 ExifData ReadExif(const std::filesystem::path& path, const FormatHeader& header) {
   [[maybe_unused]] static const bool prepared = PrepareExiv2();
   try {
-    if (header.format == ImageFormat::kTiff) {
+    if (header.format != ImageFormat::kJpeg) {
       const auto image = Exiv2::ImageFactory::open(path.string());
       image->readMetadata();
       return Extract(image->exifData());

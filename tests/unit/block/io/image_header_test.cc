@@ -1,0 +1,148 @@
+// Image headers: sizes and samples against files written by OpenCV, EXIF against what Exiv2 wrote, and bad files.
+#include "block/io/image_header.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <exiv2/exiv2.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "tests/unit/block/io/scratch_folder.h"
+
+namespace rilievo::io {
+namespace {
+
+using testing::HasSubstr;
+
+std::string Encode(const char* extension, int width, int height, int type) {
+  std::vector<unsigned char> bytes;
+  cv::imencode(extension, cv::Mat(height, width, type, cv::Scalar::all(100)), bytes);
+  return {bytes.begin(), bytes.end()};
+}
+
+class ImageHeader : public testing::Test {
+ protected:
+  Image Read(const std::string& name, const std::string& content) {
+    scratch_.Write(name, content);
+    return ReadImageHeader(scratch_.path(), name);
+  }
+  std::string Mistake(const std::string& content) {
+    const std::string line = ErrorOf([&] { Read("a b.jpg", content); });
+    EXPECT_THAT(line, HasSubstr("a b.jpg: "));
+    return line;
+  }
+  ScratchFolder scratch_;
+};
+
+TEST_F(ImageHeader, SizeAndSamples) {
+  struct Case {
+    const char* extension;
+    int type, channels, bits;
+  };
+  for (const Case& c : {Case{".jpg", CV_8UC3, 3, 8}, Case{".jpg", CV_8UC1, 1, 8}, Case{".png", CV_8UC1, 1, 8},
+                        Case{".png", CV_8UC4, 4, 8}, Case{".png", CV_16UC3, 3, 16}, Case{".tif", CV_8UC1, 1, 8},
+                        Case{".tif", CV_16UC1, 1, 16}, Case{".tif", CV_16UC3, 3, 16}}) {
+    const std::string name = std::string("sub/") + "x" + c.extension, content = Encode(c.extension, 123, 45, c.type);
+    const Image image = Read(name, content);
+    EXPECT_EQ(image.name, name);
+    EXPECT_EQ(image.width_px, 123);
+    EXPECT_EQ(image.height_px, 45);
+    EXPECT_EQ(image.channels, c.channels) << name;
+    EXPECT_EQ(image.bits_per_sample, c.bits) << name;
+    EXPECT_EQ(image.exif.orientation, 1);
+    EXPECT_EQ(image.content, HashFile(scratch_.path() / name));
+  }
+}
+
+TEST_F(ImageHeader, ExifOfEveryFormat) {
+  for (const char* extension : {".jpg", ".png", ".tif"}) {
+    SCOPED_TRACE(extension);
+    const auto path = scratch_.Write(std::string("x") + extension, Encode(extension, 120, 80, CV_8UC3));
+    {
+      const auto file = Exiv2::ImageFactory::open(path.string());
+      file->readMetadata();
+      Exiv2::ExifData& exif = file->exifData();
+      exif["Exif.Image.Orientation"] = std::uint16_t{6};
+      exif["Exif.Image.Make"] = "Maker";
+      exif["Exif.Image.Model"] = "Model X ";
+      exif["Exif.Photo.BodySerialNumber"] = "0815";
+      exif["Exif.Photo.LensModel"] = "35mm f/2";
+      exif["Exif.Photo.DateTimeOriginal"] = "2024:05:06 07:08:09";
+      exif["Exif.Photo.FocalLength"] = Exiv2::Rational(355, 10);
+      exif["Exif.Photo.FocalLengthIn35mmFilm"] = std::uint16_t{53};
+      exif["Exif.Photo.FocalPlaneXResolution"] = Exiv2::Rational(2540, 1);
+      exif["Exif.Photo.FocalPlaneResolutionUnit"] = std::uint16_t{3};  // cm
+      exif["Exif.GPSInfo.GPSLatitude"] = "47/1 30/1 36/1";
+      exif["Exif.GPSInfo.GPSLatitudeRef"] = "S";
+      exif["Exif.GPSInfo.GPSLongitude"] = "8/1 15/1 0/1";
+      exif["Exif.GPSInfo.GPSLongitudeRef"] = "W";
+      exif["Exif.GPSInfo.GPSAltitude"] = Exiv2::Rational(4005, 10);
+      exif["Exif.GPSInfo.GPSAltitudeRef"] = "1";
+      file->writeMetadata();
+    }
+    const Image image = ReadImageHeader(scratch_.path(), path.filename().string());
+    EXPECT_EQ(image.width_px, 120);  // the orientation does not swap the sides
+    EXPECT_EQ(image.height_px, 80);
+    EXPECT_EQ(image.exif.orientation, 6);
+    EXPECT_EQ(image.exif.make, "Maker");
+    EXPECT_EQ(image.exif.model, "Model X");
+    EXPECT_EQ(image.exif.serial, "0815");
+    EXPECT_EQ(image.exif.lens, "35mm f/2");
+    EXPECT_EQ(image.exif.date_time, "2024:05:06 07:08:09");
+    EXPECT_DOUBLE_EQ(image.exif.focal_mm, 35.5);
+    EXPECT_DOUBLE_EQ(image.exif.focal_35mm_mm, 53);
+    EXPECT_DOUBLE_EQ(image.exif.focal_plane_x_res_per_mm, 254);
+    ASSERT_TRUE(image.exif.gnss.has_value());
+    EXPECT_NEAR((*image.exif.gnss)[0], -47.51, 1e-9);
+    EXPECT_NEAR((*image.exif.gnss)[1], -8.25, 1e-9);
+    EXPECT_NEAR((*image.exif.gnss)[2], -400.5, 1e-9);
+  }
+}
+
+TEST_F(ImageHeader, DamagedExifLosesOnlyTheExif) {
+  std::string jpeg = Encode(".jpg", 120, 80, CV_8UC3);
+  jpeg.insert(2, std::string("\xFF\xE1\x00\x14"
+                             "Exif\0\0II*\0\xFF\xFF\xFF\xFFgarbag",
+                             22));
+  testing::internal::CaptureStderr();
+  EXPECT_EQ(Read("x.jpg", jpeg).width_px, 120);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
+TEST_F(ImageHeader, BadFilesAreNamedWithTheReason) {
+  EXPECT_THAT(Mistake(""), HasSubstr("empty file (0 bytes)"));
+  EXPECT_THAT(Mistake("this is a text"), HasSubstr("is no JPEG, PNG or TIFF"));
+  EXPECT_THAT(Mistake("\xFF"), HasSubstr("is no JPEG, PNG or TIFF"));
+  EXPECT_THAT(ErrorOf([&] { ReadImageHeader(scratch_.path(), "none.jpg"); }), HasSubstr("cannot be opened"));
+  for (const char* extension : {".jpg", ".png", ".tif"}) {
+    const std::string content = Encode(extension, 120, 80, CV_8UC3);
+    EXPECT_THAT(Mistake(content.substr(0, 20)), HasSubstr("truncated"));
+  }
+  const std::string tiff = Encode(".tif", 120, 80, CV_32FC1);
+  EXPECT_THAT(Mistake(tiff), testing::AnyOf(HasSubstr("floating point"), HasSubstr("32 bits a sample")));
+
+  std::string huge = Encode(".png", 120, 80, CV_8UC1);
+  huge[16] = huge[20] = '\x40';
+  EXPECT_THAT(Mistake(huge), HasSubstr("implausible image size"));
+  std::string empty = Encode(".png", 120, 80, CV_8UC1);
+  empty[19] = '\0';
+  EXPECT_THAT(Mistake(empty), HasSubstr("implausible image size 0 x 80"));
+  std::string jpeg = Encode(".jpg", 120, 80, CV_8UC3);
+  const auto frame = jpeg.find("\xFF\xC0");
+  jpeg[frame + 4] = 12;
+  EXPECT_THAT(Mistake(jpeg), HasSubstr("12-bit JPEG"));
+  jpeg[frame + 4] = 8;
+  jpeg[frame + 9] = 4;
+  EXPECT_THAT(Mistake(jpeg), HasSubstr("CMYK JPEG"));
+}
+
+TEST(ImageHeaderOfRealData, ExifOfACamera) {
+  if (DataFolder().empty()) GTEST_SKIP() << "RILIEVO_DATA is not set";
+  const Image image = ReadImageHeader(DataFolder() / "cyprus10/images", "DSC_6466.JPG");
+  EXPECT_EQ(image.width_px, 1500);
+  EXPECT_EQ(image.exif.model, "NIKON D3X");
+  EXPECT_EQ(image.exif.focal_mm, 28);
+}
+
+}  // namespace
+}  // namespace rilievo::io
