@@ -22,8 +22,8 @@ struct ExportFlags {
 io::FileSet Convert(const std::string& format, const Block& block, const Model& model) {
   if (format == "colmap-text") return io::ColmapText(block, model);
   if (format == "colmap-binary") return io::ColmapBinary(block, model);
-  if (format == "bundler") return io::Bundler(block, model);
-  return io::Ply(block, model);
+  if (format == "bundler") return io::BundlerText(block, model);
+  return io::Ply(block, model, io::PlyForm::kBinary);
 }
 
 void WriteAll(const fs::path& dir, const io::FileSet& files) {

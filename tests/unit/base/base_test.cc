@@ -66,7 +66,7 @@ TEST(Serialize, ComesBackAndNeverReadsPastTheEnd) {
   EXPECT_EQ(reader.GetVector<double>(), (std::vector<double>{1.5, -0.0}));
   EXPECT_TRUE(reader.AtEnd());
   for (std::size_t cut = 0; cut < bytes.size(); ++cut) {
-    ByteReader shorter(std::span(bytes).first(cut));
+    ByteReader shorter{std::span<const std::byte>(bytes).first(cut)};
     EXPECT_THROW((shorter.Get<std::uint16_t>(), shorter.GetString(), shorter.GetVector<double>()), Error) << cut;
   }
 }
@@ -78,8 +78,11 @@ struct SampleOptions {
   std::string kind = "a";
 };
 
+// Every field is given: g++ 12 fails inside on the default of `choices` in nested braces.
 std::vector<OptionDeclaration<SampleOptions>> Declarations() {
-  return {{"flag", &SampleOptions::flag}, {"count", &SampleOptions::count, 1, 9}, {"size", &SampleOptions::size, 0, 1}, {"kind", &SampleOptions::kind, 0, 0, "", "", {"a", "b"}}};
+  using D = OptionDeclaration<SampleOptions>;
+  return {D{"flag", &SampleOptions::flag, 0, 0, "", "", {}}, D{"count", &SampleOptions::count, 1, 9, "", "", {}},
+          D{"size", &SampleOptions::size, 0, 1, "", "", {}}, D{"kind", &SampleOptions::kind, 0, 0, "", "", {"a", "b"}}};
 }
 
 TEST(Options, TextComesBackExactly) {
