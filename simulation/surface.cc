@@ -152,7 +152,7 @@ Surface MakeSurface(const Scene& scene) {
 }
 
 std::vector<NoiseOctave> TextureOctaves(const Scene& scene) {
-  return MakeOctaves({scene.options.object_size_m / 3, 1.93, 1.0, 0.92, 20},
+  return MakeOctaves({scene.options.object_size_m / 3, 1.93, 1.25, 0.82, 20},
                      SeedFor(static_cast<std::uint64_t>(scene.options.seed), kTextureKey));
 }
 
