@@ -26,6 +26,7 @@ namespace {
 constexpr double kTransferFactor = 1.766;  // sqrt(2 * 5.99 / 3.84)
 // sigma0 of LMedS over both distances is about twice the standard deviation of Sampson's distance.
 constexpr double kLmedsToSampson = 0.5;
+constexpr double kBreakdown = 4;  // a bound of LMedS that many thresholds wide: more than half of the matches are wrong
 constexpr double kLogSignificance = -13.8;  // at most one in a million unrelated pairs
 
 struct Epipolar {
@@ -103,6 +104,7 @@ std::optional<Epipolar> EstimateEssential(const PointPairs& pairs, const RobustO
   any_model = estimate.has_value();
   if (!estimate) return std::nullopt;
   Epipolar result{estimate->model, {}, SampsonThreshold(loop, estimate->threshold)};
+  if (result.threshold_px > kBreakdown * loop.threshold) return std::nullopt;
   // The closing adjustment, on the inliers, to convergence.
   const PointPairs inliers = pairs.Subset(estimate->inliers);
   if (const auto refined = RefineEssential(inliers.First(), inliers.Second(), pairs.Variances(), estimate->model)) {
@@ -120,6 +122,7 @@ std::optional<Epipolar> EstimateFundamental(const PointPairs& pairs, const Robus
   const auto estimate = EstimateRobustly(problem, loop, seed);
   if (!estimate) return std::nullopt;
   Epipolar result{estimate->model, {}, SampsonThreshold(loop, estimate->threshold)};
+  if (result.threshold_px > kBreakdown * loop.threshold) return std::nullopt;
   result.inliers = SampsonInliers(pairs, result.matrix, result.threshold_px);
   if (!IsSignificant(pairs, result, FundamentalProblem::kSampleSize, 3, estimate->trials, camera)) return std::nullopt;
   return result;
