@@ -25,11 +25,14 @@ struct NormalEquations {
 };
 
 /// Cauchy's loss, or squares for scale 0.
-double Loss(double squared, double scale) { return scale > 0 ? scale * scale * std::log1p(squared / (scale * scale)) : squared; }
+double Loss(double squared, double scale) {
+  return scale > 0 ? scale * scale * std::log1p(squared / (scale * scale)) : squared;
+}
 double Weight(double squared, double scale) { return scale > 0 ? 1 / (1 + squared / (scale * scale)) : 1; }
 
 /// None when a point is not in front of the camera.
-std::optional<NormalEquations> Linearise(const ResectionInput& input, std::span<const std::uint32_t> items, const CameraPose& pose, double scale) {
+std::optional<NormalEquations> Linearise(const ResectionInput& input, std::span<const std::uint32_t> items,
+                                         const CameraPose& pose, double scale) {
   NormalEquations equations;
   for (const std::uint32_t item : items) {
     const Eigen::Vector3d rotated = pose.rotation * input.points_in_world[item], x = rotated + pose.translation;
@@ -49,7 +52,8 @@ std::optional<NormalEquations> Linearise(const ResectionInput& input, std::span<
 
 Rigid3 Moved(const Rigid3& pose, const Vector6& step) {
   const double angle = step.head<3>().norm();
-  const Eigen::Quaterniond turn(angle > 0 ? Eigen::AngleAxisd(angle, step.head<3>() / angle) : Eigen::AngleAxisd::Identity());
+  const Eigen::Quaterniond turn(angle > 0 ? Eigen::AngleAxisd(angle, step.head<3>() / angle)
+                                          : Eigen::AngleAxisd::Identity());
   return {turn * pose.rotation, pose.translation + step.tail<3>()};
 }
 
@@ -92,8 +96,8 @@ class ResectionProblem {
 
 }  // namespace
 
-std::optional<Rigid3> RefineResection(const ResectionInput& input, std::span<const std::uint32_t> items, const Rigid3& start,
-                                      double loss_scale_px, int max_iterations) {
+std::optional<Rigid3> RefineResection(const ResectionInput& input, std::span<const std::uint32_t> items,
+                                      const Rigid3& start, double loss_scale_px, int max_iterations) {
   Rigid3 pose = start;
   auto at = Linearise(input, items, CameraPose(pose), loss_scale_px);
   if (!at) return std::nullopt;
@@ -121,7 +125,8 @@ std::optional<Rigid3> RefineResection(const ResectionInput& input, std::span<con
   return pose;
 }
 
-std::optional<Resection> EstimateResection(const ResectionInput& input, const ResectionOptions& options, std::uint64_t seed) {
+std::optional<Resection> EstimateResection(const ResectionInput& input, const ResectionOptions& options,
+                                           std::uint64_t seed) {
   RILIEVO_CHECK(input.points_in_world.size() == input.normalized.size());
   if (input.normalized.size() < 4) return std::nullopt;
   const ResectionProblem problem(input);
@@ -139,7 +144,9 @@ std::optional<Resection> EstimateResection(const ResectionInput& input, const Re
   const CameraPose camera(pose);
   Resection resection{pose, {}};
   for (std::uint32_t i = 0; i < input.normalized.size(); ++i)
-    if (RayResidualPx({&camera, input.normalized[i], input.focal_px}, input.points_in_world[i]) <= options.max_residual_px) resection.inliers.push_back(i);
+    if (RayResidualPx({&camera, input.normalized[i], input.focal_px}, input.points_in_world[i]) <=
+        options.max_residual_px)
+      resection.inliers.push_back(i);
   if (resection.inliers.size() < 4) return std::nullopt;
   return resection;
 }

@@ -31,14 +31,16 @@ struct Resection {
   std::vector<std::uint32_t> inliers;  ///< ascending
 };
 
-/// MAPSAC over P3P with local optimisation, then the collinearity resection with Cauchy weights of the inliers. None for
-/// fewer than four points or when no sample gives a pose with four inliers. Depends on input, options and seed only.
-std::optional<Resection> EstimateResection(const ResectionInput& input, const ResectionOptions& options, std::uint64_t seed);
+/// MAPSAC over P3P with local optimisation, then the collinearity resection with Cauchy weights of the inliers. None
+/// for fewer than four points or when no sample gives a pose with four inliers. Depends on input, options and seed
+/// only.
+std::optional<Resection> EstimateResection(const ResectionInput& input, const ResectionOptions& options,
+                                           std::uint64_t seed);
 
 /// Collinearity resection of the named items (all are used, whatever their residuals) from a start: Levenberg-Marquardt
-/// on the six increments, weights 1 / (1 + r^2 / loss_scale_px^2) (Cauchy) when loss_scale_px > 0. None when a point lies
-/// behind the start or the equations are singular.
-std::optional<Rigid3> RefineResection(const ResectionInput& input, std::span<const std::uint32_t> items, const Rigid3& start,
-                                      double loss_scale_px, int max_iterations = 20);
+/// on the six increments, weights 1 / (1 + r^2 / loss_scale_px^2) (Cauchy) when loss_scale_px > 0. None when a point
+/// lies behind the start or the equations are singular.
+std::optional<Rigid3> RefineResection(const ResectionInput& input, std::span<const std::uint32_t> items,
+                                      const Rigid3& start, double loss_scale_px, int max_iterations = 20);
 
 }  // namespace rilievo

@@ -12,9 +12,13 @@
 namespace rilievo {
 namespace {
 
-Eigen::Vector3d Direction(const RayView& view) { return view.pose->rotation.transpose() * view.normalized.homogeneous().normalized(); }
+Eigen::Vector3d Direction(const RayView& view) {
+  return view.pose->rotation.transpose() * view.normalized.homogeneous().normalized();
+}
 
-double AngleBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
+double AngleBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return std::atan2(a.cross(b).norm(), a.dot(b));
+}
 
 struct Support {
   double cost = 0;  ///< sum of min(residual^2, max^2)
@@ -55,7 +59,9 @@ std::optional<Eigen::Vector3d> BestPairPoint(std::span<const RayView> views, con
   const auto try_pair = [&](std::uint32_t i, std::uint32_t j) {
     const RayView pair[2] = {views[i], views[j]};
     const auto point = IntersectRays(pair);
-    if (!point || RayResidualPx(pair[0], *point) > options.max_residual_px || RayResidualPx(pair[1], *point) > options.max_residual_px) return;
+    if (!point || RayResidualPx(pair[0], *point) > options.max_residual_px ||
+        RayResidualPx(pair[1], *point) > options.max_residual_px)
+      return;
     if (IntersectionAngle(pair, *point) < options.min_angle_rad) return;
     const double cost = Score(views, *point, options.max_residual_px).cost;
     if (cost < best_cost) best_cost = cost, best = point;
@@ -86,7 +92,8 @@ double IntersectionAngle(std::span<const RayView> views, const Eigen::Vector3d& 
   double least_cosine = 1, angle = 0;
   Eigen::Vector3d rays[32];
   std::size_t n = 0;
-  for (std::size_t i = 0; i < views.size() && n < 32; i += stride) rays[n++] = (point - views[i].pose->center).normalized();
+  for (std::size_t i = 0; i < views.size() && n < 32; i += stride)
+    rays[n++] = (point - views[i].pose->center).normalized();
   for (std::size_t i = 0; i < n; ++i)
     for (std::size_t j = i + 1; j < n; ++j) {
       const double cosine = rays[i].dot(rays[j]);
@@ -113,7 +120,8 @@ std::optional<Eigen::Vector3d> IntersectRays(std::span<const RayView> views) {
   return point.allFinite() ? std::optional(point) : std::nullopt;
 }
 
-std::optional<Eigen::Vector3d> RefineIntersection(std::span<const RayView> views, const Eigen::Vector3d& start, int max_iterations) {
+std::optional<Eigen::Vector3d> RefineIntersection(std::span<const RayView> views, const Eigen::Vector3d& start,
+                                                  int max_iterations) {
   Eigen::Vector3d point = start;
   for (int iteration = 0; iteration < max_iterations; ++iteration) {
     Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();

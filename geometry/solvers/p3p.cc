@@ -47,7 +47,8 @@ std::vector<double> RealCubicRoots(double a, double b, double c) {
 
 using LinePair = std::pair<Eigen::Vector3d, Eigen::Vector3d>;
 
-/// The lines of the degenerate conic `d` = l m^T + m l^T (up to scale); `quality` tells how clearly they are two real lines.
+/// The lines of the degenerate conic `d` = l m^T + m l^T (up to scale); `quality` tells how clearly they are two real
+/// lines.
 struct SplitConic {
   LinePair lines;
   double quality = 0;
@@ -120,7 +121,8 @@ Rigid3 PoseFromTriangles(const std::array<Eigen::Vector3d, 3>& x_cam, const std:
 /// The member of the pencil d1 + g d2 that splits best into two real lines.
 std::optional<LinePair> BestLines(Eigen::Matrix3d d1, Eigen::Matrix3d d2) {
   if (std::abs(d1.determinant()) > std::abs(d2.determinant())) std::swap(d1, d2);
-  const double c3 = d2.determinant(), c2 = (Adjugate(d2) * d1).trace(), c1 = (Adjugate(d1) * d2).trace(), c0 = d1.determinant();
+  const double c3 = d2.determinant(), c2 = (Adjugate(d2) * d1).trace(), c1 = (Adjugate(d1) * d2).trace(),
+               c0 = d1.determinant();
   if (c3 == 0) return std::nullopt;
   std::optional<SplitConic> best;
   for (const double g : RealCubicRoots(c2 / c3, c1 / c3, c0 / c3)) {
@@ -158,7 +160,9 @@ std::vector<Rigid3> SolveP3p(const std::array<Eigen::Vector3d, 3>& rays_in_cam,
       if (!(l.minCoeff() > 0)) continue;
       const auto polished = Polish(l, a, b);
       if (!polished) continue;
-      const bool seen = std::any_of(found.begin(), found.end(), [&](const auto& other) { return (other - *polished).norm() < 1e-9 * polished->norm(); });
+      const bool seen = std::any_of(found.begin(), found.end(), [&](const auto& other) {
+        return (other - *polished).norm() < 1e-9 * polished->norm();
+      });
       if (seen) continue;
       found.push_back(*polished);
       const Eigen::Vector3d depth = *polished * std::sqrt(unit);

@@ -22,9 +22,9 @@ struct Options {
   double loss_scale_px = 1.0;
   int max_iterations = 50;
   double function_tolerance = 1e-6;
-  std::set<ImageId> fixed_images;   ///< exterior orientation held (local adjustments)
+  std::set<ImageId> fixed_images;  ///< exterior orientation held (local adjustments)
   bool fix_points = false;
-  bool fix_gauge = true;            ///< first image fixed, and the largest baseline component to the farthest image
+  bool fix_gauge = true;  ///< first image fixed, and the largest baseline component to the farthest image
 };
 
 struct Summary {
@@ -37,8 +37,8 @@ struct Summary {
 
 TaskCost Estimate(std::size_t images, std::size_t points, std::size_t observations);
 
-/// Adjusts `model` in place, calibration fixed, and fills the residuals of its observations. Single-threaded and bit-reproducible.
-/// Throws Cancelled on a stop request.
+/// Adjusts `model` in place, calibration fixed, and fills the residuals of its observations. Single-threaded and
+/// bit-reproducible. Throws Cancelled on a stop request.
 Summary Run(const Block& block, Model& model, const Options& options, RunContext& context);
 
 }  // namespace rilievo::adjustment

@@ -42,7 +42,8 @@ bool Reprojection::Evaluate(double const* const* parameters, double* residuals, 
     image = distorted.value;
     by_camera_point = distorted.jacobian * by_camera_point;
   }
-  residual = Eigen::Vector2d(camera_->fx * image.x() + camera_->cx, camera_->fy * image.y() + camera_->cy) - measured_px_;
+  residual =
+      Eigen::Vector2d(camera_->fx * image.x() + camera_->cx, camera_->fy * image.y() + camera_->cy) - measured_px_;
   by_camera_point.row(0) *= camera_->fx;
   by_camera_point.row(1) *= camera_->fy;
   if (wants_pose) {

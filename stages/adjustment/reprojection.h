@@ -23,7 +23,8 @@ class Reprojection final : public ceres::SizedCostFunction<2, kPoseSize, 3> {
  public:
   static constexpr double kBehind_px = 1e4;
   /// `camera` must outlive the object.
-  Reprojection(const CameraModel& camera, const Eigen::Vector2d& measured_px) : camera_(&camera), measured_px_(measured_px) {}
+  Reprojection(const CameraModel& camera, const Eigen::Vector2d& measured_px)
+      : camera_(&camera), measured_px_(measured_px) {}
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override;
 
  private:

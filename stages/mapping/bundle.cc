@@ -32,7 +32,8 @@ std::vector<ImageId> BestConnected(const Reconstruction& model, ImageId image, s
 
 }  // namespace
 
-std::vector<std::uint32_t> CarryingTracks(const Block& block, const Reconstruction& model, std::span<const ImageId> images, int cells) {
+std::vector<std::uint32_t> CarryingTracks(const Block& block, const Reconstruction& model,
+                                          std::span<const ImageId> images, int cells) {
   const TieBlock& ties = model.ties();
   struct Grid {
     double cell_px = 1;
@@ -46,7 +47,8 @@ std::vector<std::uint32_t> CarryingTracks(const Block& block, const Reconstructi
     Grid& grid = grids[image.value];
     grid.cell_px = std::max(1.0, std::sqrt(static_cast<double>(camera.width_px) * camera.height_px / cells));
     grid.columns = static_cast<int>(camera.width_px / grid.cell_px) + 1;
-    grid.taken.assign(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(camera.height_px / grid.cell_px + 1), 0);
+    grid.taken.assign(
+        static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(camera.height_px / grid.cell_px + 1), 0);
     for (const std::uint32_t ray : ties.rays_of_image[image.value])
       if (model.IsUsed(ray)) is_candidate[ties.rays[ray].track] = 1;
   }
@@ -62,7 +64,8 @@ std::vector<std::uint32_t> CarryingTracks(const Block& block, const Reconstructi
       Grid& grid = grids[ties.rays[ray].image.value];
       if (!model.IsUsed(ray) || grid.taken.empty()) continue;
       const Eigen::Vector2d cell = (ties.rays[ray].measured_px / grid.cell_px).cwiseMax(0);
-      const auto at = std::min(static_cast<std::size_t>(cell.y()) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(cell.x()),
+      const auto at = std::min(static_cast<std::size_t>(cell.y()) * static_cast<std::size_t>(grid.columns) +
+                                   static_cast<std::size_t>(cell.x()),
                                grid.taken.size() - 1);
       fills |= grid.taken[at] == 0;
       grid.taken[at] = 1;
@@ -100,7 +103,8 @@ adjustment::Summary Adjust(const Block& block, Reconstruction& reconstruction, s
   return summary;
 }
 
-void AdjustLocally(const Block& block, Reconstruction& reconstruction, ImageId image, double loss_scale_px, RunContext& context) {
+void AdjustLocally(const Block& block, Reconstruction& reconstruction, ImageId image, double loss_scale_px,
+                   RunContext& context) {
   const std::vector<ImageId> neighbours = BestConnected(reconstruction, image, kNeighbours);
   std::set<ImageId> local(neighbours.begin(), neighbours.end());
   local.insert(image);
@@ -122,7 +126,8 @@ void AdjustLocally(const Block& block, Reconstruction& reconstruction, ImageId i
   for (const std::uint32_t track : seen) reconstruction.Refine(track);
 }
 
-void AdjustGlobally(const Block& block, Reconstruction& reconstruction, const GlobalAdjustment& how, RunContext& context) {
+void AdjustGlobally(const Block& block, Reconstruction& reconstruction, const GlobalAdjustment& how,
+                    RunContext& context) {
   const std::vector<ImageId> images = reconstruction.RegisteredImages();
   const auto tracks = CarryingTracks(block, reconstruction, images, how.cells);
   adjustment::Options options;

@@ -15,7 +15,8 @@ namespace rilievo::mapping {
 
 /// Points that carry an adjustment of the given images: over a grid of about `cells` cells in every image the point
 /// of most rays in each cell (SPEC 3), kept in all its images. Ascending tracks.
-std::vector<std::uint32_t> CarryingTracks(const Block& block, const Reconstruction& model, std::span<const ImageId> images, int cells);
+std::vector<std::uint32_t> CarryingTracks(const Block& block, const Reconstruction& model,
+                                          std::span<const ImageId> images, int cells);
 
 /// The named points with their rays in use, and the images that see them, as a model.
 Model ToModel(const Reconstruction& reconstruction, std::span<const std::uint32_t> tracks);
@@ -26,7 +27,8 @@ adjustment::Summary Adjust(const Block& block, Reconstruction& reconstruction, s
 
 /// Adjusts `image` and the registered images that share most points with it; the others stay. Then refines the points
 /// they see.
-void AdjustLocally(const Block& block, Reconstruction& reconstruction, ImageId image, double loss_scale_px, RunContext& context);
+void AdjustLocally(const Block& block, Reconstruction& reconstruction, ImageId image, double loss_scale_px,
+                   RunContext& context);
 
 struct GlobalAdjustment {
   int cells = 400;  ///< see CarryingTracks
@@ -35,6 +37,7 @@ struct GlobalAdjustment {
 };
 
 /// Adjusts all images on carrying points with Cauchy's loss, and refines all points.
-void AdjustGlobally(const Block& block, Reconstruction& reconstruction, const GlobalAdjustment& how, RunContext& context);
+void AdjustGlobally(const Block& block, Reconstruction& reconstruction, const GlobalAdjustment& how,
+                    RunContext& context);
 
 }  // namespace rilievo::mapping

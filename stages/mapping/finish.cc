@@ -11,7 +11,8 @@
 namespace rilievo::mapping {
 namespace {
 
-/// Length of a two-dimensional residual, in sigma of one coordinate, that one in a thousand exceeds: sqrt(13.8) (SPEC 5.4).
+/// Length of a two-dimensional residual, in sigma of one coordinate, that one in a thousand exceeds: sqrt(13.8)
+/// (SPEC 5.4).
 constexpr double kRejection = 3.717;
 /// Points of the last robust adjustment: denser than on the way, since it decides what is rejected.
 constexpr int kFinalCells = 1600;
@@ -21,12 +22,14 @@ constexpr int kFinalCells = 1600;
 double RobustSigma(const Reconstruction& model) {
   std::vector<double> residuals_px;
   for (const std::uint32_t track : model.Tracks())
-    for (const RayView& view : model.UsedViews(track)) residuals_px.push_back(RayResidualPx(view, model.position(track)));
+    for (const RayView& view : model.UsedViews(track))
+      residuals_px.push_back(RayResidualPx(view, model.position(track)));
   if (residuals_px.empty()) return 0;
   const auto middle = residuals_px.begin() + static_cast<std::ptrdiff_t>(residuals_px.size() / 2);
   std::nth_element(residuals_px.begin(), middle, residuals_px.end());
   const double observations = 2.0 * static_cast<double>(residuals_px.size());
-  const double redundancy = observations - 3.0 * static_cast<double>(model.NumPoints()) - 6.0 * static_cast<double>(model.NumRegistered()) + 7;
+  const double redundancy = observations - 3.0 * static_cast<double>(model.NumPoints()) -
+                            6.0 * static_cast<double>(model.NumRegistered()) + 7;
   return *middle / std::sqrt(2 * std::log(2.0)) * std::sqrt(observations / std::max(redundancy, 0.1 * observations));
 }
 
@@ -39,7 +42,8 @@ void ColorPoints(std::span<const std::vector<Rgb>> colors, Model& model) {
       for (std::size_t c = 0; c < 3; ++c) sum[c] += colors[o.feature.image.value][o.feature.feature][c];
       ++count;
     }
-    for (std::size_t c = 0; c < 3 && count > 0; ++c) point.color[c] = static_cast<std::uint8_t>((sum[c] + count / 2) / count);
+    for (std::size_t c = 0; c < 3 && count > 0; ++c)
+      point.color[c] = static_cast<std::uint8_t>((sum[c] + count / 2) / count);
   }
 }
 
@@ -48,7 +52,9 @@ int Reject(const GrowthInput& input, Reconstruction& model, const PointTolerance
   int dropped = 0;
   for (const std::uint32_t track : model.Tracks()) dropped += model.Filter(track, tolerance);
   for (const ImageId image : model.RegisteredImages())
-    if (model.NumRegistered() > 2 && model.NumUsed(image) < static_cast<std::uint32_t>(input.options.min_resection_inliers)) model.RemoveImage(image);
+    if (model.NumRegistered() > 2 &&
+        model.NumUsed(image) < static_cast<std::uint32_t>(input.options.min_resection_inliers))
+      model.RemoveImage(image);
   return dropped;
 }
 

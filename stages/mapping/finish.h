@@ -9,12 +9,12 @@
 
 namespace rilievo::mapping {
 
-/// Adjusts everything: robustly until the rejections at three sigma settle, then by least squares to convergence. Sets the
-/// datum (see NormalizeDatum) and the points' colours. None when fewer than two images keep their rays.
+/// Adjusts everything: robustly until the rejections at three sigma settle, then by least squares to convergence. Sets
+/// the datum (see NormalizeDatum) and the points' colours. None when fewer than two images keep their rays.
 std::optional<Model> Finish(const GrowthInput& input, const Input& data, Reconstruction& model, RunContext& context);
 
-/// Datum of a free model: origin at the centre of gravity of the projection centres, their mean distance from it 1, axes
-/// parallel to those of the image of lowest id (x right, y down, z forward).
+/// Datum of a free model: origin at the centre of gravity of the projection centres, their mean distance from it 1,
+/// axes parallel to those of the image of lowest id (x right, y down, z forward).
 void NormalizeDatum(Model& model);
 
 }  // namespace rilievo::mapping

@@ -25,7 +25,8 @@ struct ResectionBar {
 double LossScale(const Options& options) { return 0.25 * options.max_residual_px; }
 
 /// Registers the image when enough of its visible points agree; takes the agreeing rays in.
-bool Resect(const GrowthInput& input, Reconstruction& model, ImageId image, const ResectionBar& bar, RunContext& context) {
+bool Resect(const GrowthInput& input, Reconstruction& model, ImageId image, const ResectionBar& bar,
+            RunContext& context) {
   const TieBlock& ties = input.ties;
   std::vector<Eigen::Vector3d> points;
   std::vector<Eigen::Vector2d> normalized;
@@ -39,8 +40,8 @@ bool Resect(const GrowthInput& input, Reconstruction& model, ImageId image, cons
   ResectionOptions options;
   options.max_residual_px = input.options.max_residual_px;
   options.context = &context;
-  const auto resection =
-      EstimateResection({points, normalized, ties.focal_px[image.value]}, options, SeedFor(context.Seed(), image.value, points.size()));
+  const auto resection = EstimateResection({points, normalized, ties.focal_px[image.value]}, options,
+                                           SeedFor(context.Seed(), image.value, points.size()));
   if (!resection) return false;
   const auto inliers = static_cast<double>(resection->inliers.size());
   if (inliers < bar.min_inliers || inliers < bar.min_ratio * static_cast<double>(points.size())) return false;
@@ -52,13 +53,18 @@ bool Resect(const GrowthInput& input, Reconstruction& model, ImageId image, cons
 
 void IntersectNewPoints(const GrowthInput& input, Reconstruction& model, ImageId image) {
   const PointTolerance tolerance = ToleranceOf(input.options);
-  for (const std::uint32_t ray : input.ties.rays_of_image[image.value]) model.Intersect(input.ties.rays[ray].track, tolerance);
+  for (const std::uint32_t ray : input.ties.rays_of_image[image.value])
+    model.Intersect(input.ties.rays[ray].track, tolerance);
 }
 
-int IntersectAll(const GrowthInput& input, Reconstruction& model) {
+int IntersectAll(const GrowthInput& input, Reconstruction& model, const RunContext& context) {
+  constexpr std::uint32_t kTracksBetweenPolls = 4096;
   const PointTolerance tolerance = ToleranceOf(input.options);
   int added = 0;
-  for (std::uint32_t track = 0; track < input.ties.NumTracks(); ++track) added += model.Intersect(track, tolerance);
+  for (std::uint32_t track = 0; track < input.ties.NumTracks(); ++track) {
+    if (track % kTracksBetweenPolls == 0) context.ThrowIfStopped();
+    added += model.Intersect(track, tolerance);
+  }
   return added;
 }
 
@@ -68,7 +74,8 @@ int FilterAll(Reconstruction& model, const PointTolerance& tolerance) {
   return dropped;
 }
 
-/// Images whose rays in use are fewer than a resection needs. One at a time, the weakest first: others may live on its loss.
+/// Images whose rays in use are fewer than a resection needs. One at a time, the weakest first: others may live on its
+/// loss.
 int DropWeakImages(const GrowthInput& input, Reconstruction& model) {
   int dropped = 0;
   while (model.NumRegistered() > 2) {
@@ -84,7 +91,8 @@ int DropWeakImages(const GrowthInput& input, Reconstruction& model) {
 /// What an image had to offer when its resection failed: it is tried again when that has grown.
 using Failures = std::vector<std::uint32_t>;
 
-std::optional<ImageId> NextImage(const GrowthInput& input, const Reconstruction& model, const Failures& failed_at, int min_inliers) {
+std::optional<ImageId> NextImage(const GrowthInput& input, const Reconstruction& model, const Failures& failed_at,
+                                 int min_inliers) {
   const TieBlock& ties = input.ties;
   std::uint32_t most = 0;
   std::vector<ImageId> candidates;
@@ -122,7 +130,8 @@ int GrowUnder(const GrowthInput& input, Reconstruction& model, const ResectionBa
     }
     ++added;
     IntersectNewPoints(input, model, *image);
-    context.ReportProgress(static_cast<double>(model.NumRegistered()) / static_cast<double>(input.ties.NumImages() + 1));
+    context.ReportProgress(static_cast<double>(model.NumRegistered()) /
+                           static_cast<double>(input.ties.NumImages() + 1));
     const bool global = static_cast<double>(model.NumRegistered()) >= kGlobalGrowth * images_then ||
                         static_cast<double>(model.NumPoints()) >= kGlobalGrowth * points_then;
     if (global) {
@@ -146,7 +155,9 @@ int GrowUnder(const GrowthInput& input, Reconstruction& model, const ResectionBa
 
 }  // namespace
 
-PointTolerance ToleranceOf(const Options& options) { return {options.max_residual_px, DegToRad(options.min_angle_deg)}; }
+PointTolerance ToleranceOf(const Options& options) {
+  return {options.max_residual_px, DegToRad(options.min_angle_deg)};
+}
 
 std::int64_t CoverageScore(const Camera& camera, std::span<const Eigen::Vector2d> positions_px) {
   std::int64_t score = 0;
@@ -174,7 +185,8 @@ std::optional<Reconstruction> StartFromPair(const GrowthInput& input, const Seed
     return model.NumPoints() >= static_cast<std::size_t>(std::max(kMinSeedPoints, input.options.min_resection_inliers));
   };
   for (int round = 0; round < 2; ++round) {
-    for (const std::uint32_t ray : input.ties.rays_of_image[seed.pair.first.value]) model.Intersect(input.ties.rays[ray].track, tolerance);
+    for (const std::uint32_t ray : input.ties.rays_of_image[seed.pair.first.value])
+      model.Intersect(input.ties.rays[ray].track, tolerance);
     if (!enough()) return std::nullopt;
     AdjustGlobally(input.block, model, {.loss_scale_px = LossScale(input.options)}, context);
     FilterAll(model, tolerance);
@@ -189,7 +201,7 @@ void Settle(const GrowthInput& input, Reconstruction& model, int rounds, RunCont
     AdjustGlobally(input.block, model, {.loss_scale_px = LossScale(input.options)}, context);
     int changed = FilterAll(model, ToleranceOf(input.options));
     changed += DropWeakImages(input, model);
-    changed += IntersectAll(input, model);
+    changed += IntersectAll(input, model, context);
     if (changed < 0.005 * static_cast<double>(2 * model.NumPoints())) break;
   }
 }

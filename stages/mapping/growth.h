@@ -21,14 +21,16 @@ struct GrowthInput {
 
 PointTolerance ToleranceOf(const Options& options);
 
-/// Two images from their relative orientation, adjusted. None when fewer than max(15, min_resection_inliers) points remain.
+/// Two images from their relative orientation, adjusted. None when fewer than max(15, min_resection_inliers) points
+/// remain.
 std::optional<Reconstruction> StartFromPair(const GrowthInput& input, const SeedPair& seed, RunContext& context);
 
 /// Adds images until none can be added: strict resections first (30 inliers, a quarter of the visible points), then
 /// relaxed ones (options.min_resection_inliers, a tenth).
 void Grow(const GrowthInput& input, Reconstruction& model, RunContext& context);
 
-/// Adjust, filter, triangulate again, until few rays change (at most `rounds` times); drops images left with too few rays.
+/// Adjust, filter, triangulate again, until few rays change (at most `rounds` times); drops images left with too few
+/// rays.
 void Settle(const GrowthInput& input, Reconstruction& model, int rounds, RunContext& context);
 
 /// Coverage of an image by points in it: over grids of 2, 4, ... 32 cells a side, occupied cells weighted by 2^level.

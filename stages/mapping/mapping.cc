@@ -16,11 +16,12 @@
 namespace rilievo::mapping {
 namespace {
 
-constexpr int kMaxStarts = 40;   // seed pairs tried for one model, most fail at once
-constexpr int kMaxGrowths = 3;   // seed pairs grown to the end before the best is taken
+constexpr int kMaxStarts = 40;  // seed pairs tried for one model, most fail at once
+constexpr int kMaxGrowths = 3;  // seed pairs grown to the end before the best is taken
 
 /// Sizes of the components that verified pairs make of the available images, per image.
-std::vector<std::size_t> ComponentSizes(std::span<const TwoViewGeometry> pairs, const std::vector<std::uint8_t>& available) {
+std::vector<std::size_t> ComponentSizes(std::span<const TwoViewGeometry> pairs,
+                                        const std::vector<std::uint8_t>& available) {
   std::vector<std::uint32_t> parent(available.size());
   std::iota(parent.begin(), parent.end(), 0U);
   const auto root = [&](std::uint32_t i) {
@@ -53,7 +54,9 @@ std::optional<Reconstruction> MapComponent(const GrowthInput& input, std::span<c
     auto model = StartFromPair(input, seed, context);
     if (!model) continue;
     Grow(input, *model, context);
-    if (!best || std::tuple(model->NumRegistered(), model->NumPoints()) > std::tuple(best->NumRegistered(), best->NumPoints())) best = std::move(model);
+    if (!best ||
+        std::tuple(model->NumRegistered(), model->NumPoints()) > std::tuple(best->NumRegistered(), best->NumPoints()))
+      best = std::move(model);
     if (5 * best->NumRegistered() >= 4 * component[seed.pair.first.value] || ++growths >= kMaxGrowths) break;
   }
   return best;
@@ -63,9 +66,11 @@ std::optional<Reconstruction> MapComponent(const GrowthInput& input, std::span<c
 
 std::span<const OptionDeclaration<Options>> OptionDeclarations() {
   static const std::array<OptionDeclaration<Options>, 4> kDeclarations{{
-      {"max-residual", &Options::max_residual_px, 0.1, 100, "px", "largest residual of a ray in resection and intersection"},
+      {"max-residual", &Options::max_residual_px, 0.1, 100, "px",
+       "largest residual of a ray in resection and intersection"},
       {"min-angle", &Options::min_angle_deg, 0.05, 45, "deg", "least intersection angle of an object point"},
-      {"min-resection-inliers", &Options::min_resection_inliers, 6, 1000, "", "object points that must agree to orient an image"},
+      {"min-resection-inliers", &Options::min_resection_inliers, 6, 1000, "",
+       "object points that must agree to orient an image"},
       {"min-model-images", &Options::min_model_images, 2, 10000, "", "images of the smallest model that is kept"},
   }};
   return kDeclarations;
@@ -97,7 +102,8 @@ Output Run(const Input& input, const Options& options, RunContext& context) {
     for (const ImageId image : reconstruction->RegisteredImages()) available[image.value] = 0;
     if (!model) continue;
     for (const auto& [image, pose] : model->cam_from_world) available[image.value] = 0;
-    if (model->cam_from_world.size() >= static_cast<std::size_t>(options.min_model_images)) output.models.push_back(std::move(*model));
+    if (model->cam_from_world.size() >= static_cast<std::size_t>(options.min_model_images))
+      output.models.push_back(std::move(*model));
   }
   std::stable_sort(output.models.begin(), output.models.end(), [](const Model& a, const Model& b) {
     return std::tuple(a.cam_from_world.size(), a.points.size()) > std::tuple(b.cam_from_world.size(), b.points.size());

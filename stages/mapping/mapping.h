@@ -16,8 +16,8 @@
 namespace rilievo::mapping {
 
 struct Options {
-  double max_residual_px = 4.0;          ///< resection and triangulation threshold, at full resolution
-  double min_angle_deg = 1.5;            ///< least intersection angle of an object point
+  double max_residual_px = 4.0;  ///< resection and triangulation threshold, at full resolution
+  double min_angle_deg = 1.5;    ///< least intersection angle of an object point
   int min_resection_inliers = 12;
   int min_model_images = 2;
 };

@@ -11,10 +11,10 @@ namespace rilievo::mapping {
 namespace {
 
 struct PairSummary {
-  std::size_t verified = 0;         ///< pairs
-  std::size_t best_inliers = 0;     ///< of a verified pair
-  std::uint32_t best_matches = 0;   ///< of any pair, before verification
-  std::optional<ImageId> partner;   ///< of the best pair
+  std::size_t verified = 0;        ///< pairs
+  std::size_t best_inliers = 0;    ///< of a verified pair
+  std::uint32_t best_matches = 0;  ///< of any pair, before verification
+  std::optional<ImageId> partner;  ///< of the best pair
   double widest_angle_deg = 0;
 };
 
@@ -38,23 +38,25 @@ PairSummary Summarise(ImageId image, std::span<const TwoViewGeometry> pairs) {
 std::string Reason(const Input& input, const PairSummary& s) {
   const std::string partner = s.partner ? input.block.image(*s.partner).name : "";
   if (input.block.images.size() < 2) return "the only image: take at least two from different places";
-  if (s.verified == 0 && s.best_matches == 0) return "no matches with other images: take images that overlap by 60 % or more, of a textured object";
+  if (s.verified == 0 && s.best_matches == 0)
+    return "no matches with other images: take images that overlap by 60 % or more, of a textured object";
   if (s.verified == 0)
-    return "too few verified matches with other images (best: " + std::to_string(s.best_matches) + " unverified with " + partner +
-           "): take images with more overlap";
+    return "too few verified matches with other images (best: " + std::to_string(s.best_matches) + " unverified with " +
+           partner + "): take images with more overlap";
   if (s.widest_angle_deg < 0.5) {
     char angle[32];
     std::snprintf(angle, sizeof angle, "%.2f", s.widest_angle_deg);
-    return "no image pair with enough parallax (widest intersection angle " + std::string(angle) + " deg, with " + partner +
-           "): take images from different places";
+    return "no image pair with enough parallax (widest intersection angle " + std::string(angle) + " deg, with " +
+           partner + "): take images from different places";
   }
-  return "its points do not agree with the oriented images (best: " + std::to_string(s.best_inliers) + " verified matches with " + partner +
-         "): take images between this one and its neighbours";
+  return "its points do not agree with the oriented images (best: " + std::to_string(s.best_inliers) +
+         " verified matches with " + partner + "): take images between this one and its neighbours";
 }
 
 }  // namespace
 
-std::vector<UnorientedImage> UnorientedImages(const Input& input, std::span<const TwoViewGeometry> pairs, std::span<const Model> models) {
+std::vector<UnorientedImage> UnorientedImages(const Input& input, std::span<const TwoViewGeometry> pairs,
+                                              std::span<const Model> models) {
   std::vector<UnorientedImage> unoriented;
   for (const Image& image : input.block.images) {
     bool oriented = false;

@@ -10,6 +10,7 @@
 namespace rilievo::mapping {
 
 /// One entry for every image of the block that is in none of the models, by image id.
-std::vector<UnorientedImage> UnorientedImages(const Input& input, std::span<const TwoViewGeometry> pairs, std::span<const Model> models);
+std::vector<UnorientedImage> UnorientedImages(const Input& input, std::span<const TwoViewGeometry> pairs,
+                                              std::span<const Model> models);
 
 }  // namespace rilievo::mapping

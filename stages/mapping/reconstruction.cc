@@ -7,8 +7,13 @@
 namespace rilievo::mapping {
 
 Reconstruction::Reconstruction(const TieBlock& ties, std::uint64_t seed)
-    : ties_(&ties), seed_(seed), poses_(ties.NumImages()), positions_(ties.NumTracks(), Eigen::Vector3d::Zero()),
-      has_point_(ties.NumTracks(), 0), used_(ties.rays.size(), 0), visible_(ties.NumImages(), 0) {}
+    : ties_(&ties),
+      seed_(seed),
+      poses_(ties.NumImages()),
+      positions_(ties.NumTracks(), Eigen::Vector3d::Zero()),
+      has_point_(ties.NumTracks(), 0),
+      used_(ties.rays.size(), 0),
+      visible_(ties.NumImages(), 0) {}
 
 std::vector<ImageId> Reconstruction::RegisteredImages() const {
   std::vector<ImageId> images;
@@ -95,7 +100,8 @@ int Reconstruction::Intersect(std::uint32_t track, const PointTolerance& toleran
     views.push_back(View(ray));
     rays.push_back(ray);
   }
-  const auto found = IntersectRobustly(views, {tolerance.max_residual_px, tolerance.min_angle_rad, SeedFor(seed_, track)});
+  const auto found =
+      IntersectRobustly(views, {tolerance.max_residual_px, tolerance.min_angle_rad, SeedFor(seed_, track)});
   if (!found) return 0;
   int added = 0;
   for (std::size_t i = 0; i < rays.size(); ++i) added += used_[rays[i]] = found->is_inlier[i];

@@ -66,9 +66,11 @@ std::vector<SeedPair> SeedPairs(const Input& input, std::span<const TwoViewGeome
     const auto orientation = OrientationOf(input, g);
     if (!orientation || orientation->second_from_first.translation.norm() < 0.5) continue;
     const double angle_deg = RadToDeg(orientation->median_angle_rad);
-    const auto step = std::find_if(kLeastAngles_deg.begin(), kLeastAngles_deg.end(), [&](double least) { return angle_deg >= least; });
+    const auto step = std::find_if(kLeastAngles_deg.begin(), kLeastAngles_deg.end(),
+                                   [&](double least) { return angle_deg >= least; });
     if (step == kLeastAngles_deg.end()) continue;
-    seeds.push_back({g.pair, orientation->second_from_first, static_cast<double>(g.inliers.size()) * std::min(1.0, angle_deg / 15.0),
+    seeds.push_back({g.pair, orientation->second_from_first,
+                     static_cast<double>(g.inliers.size()) * std::min(1.0, angle_deg / 15.0),
                      FirstTier(g.model) + static_cast<int>(step - kLeastAngles_deg.begin())});
   }
   std::sort(seeds.begin(), seeds.end(), [](const SeedPair& a, const SeedPair& b) {

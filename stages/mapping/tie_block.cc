@@ -21,7 +21,8 @@ TieBlock MakeTieBlock(const Input& input) {
   TieBlock block;
   block.first_ray.push_back(0);
   block.rays_of_image.resize(images);
-  for (const Image& image : input.block.images) block.focal_px.push_back(input.block.camera_of(image.id).model.MeanFocal());
+  for (const Image& image : input.block.images)
+    block.focal_px.push_back(input.block.camera_of(image.id).model.MeanFocal());
   for (const auto& elements : sorted) {
     const std::size_t begin = block.rays.size();
     const auto track = static_cast<std::uint32_t>(block.NumTracks());

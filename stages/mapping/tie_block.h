@@ -22,7 +22,7 @@ struct TieRay {
 
 /// Rays of one track lie side by side, sorted by image; tracks are in the order of their elements.
 struct TieBlock {
-  std::vector<std::uint32_t> first_ray;                   ///< per track, and one past the last
+  std::vector<std::uint32_t> first_ray;  ///< per track, and one past the last
   std::vector<TieRay> rays;
   std::vector<std::vector<std::uint32_t>> rays_of_image;  ///< ray indices, ascending
   std::vector<double> focal_px;                           ///< per image

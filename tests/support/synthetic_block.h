@@ -58,7 +58,8 @@ inline Rigid3 LookAt(const Eigen::Vector3d& center, const Eigen::Vector3d& targe
 namespace synthetic_internal {
 
 inline Rigid3 CameraOf(const SyntheticOptions& o, int i, Rng& rng) {
-  const Eigen::Vector3d down(0, 1, 0), jitter(rng.Uniform(-0.05, 0.05), rng.Uniform(-0.05, 0.05), rng.Uniform(-0.05, 0.05));
+  const Eigen::Vector3d down(0, 1, 0),
+      jitter(rng.Uniform(-0.05, 0.05), rng.Uniform(-0.05, 0.05), rng.Uniform(-0.05, 0.05));
   if (o.layout == Layout::kRing) {
     const double a = 2 * std::numbers::pi * i / o.images;
     return LookAt(3.5 * Eigen::Vector3d(std::sin(a), 0.1, -std::cos(a)) + jitter, jitter, down);
@@ -78,10 +79,12 @@ inline bool Faces(const SyntheticOptions& o, const Eigen::Vector3d& point, const
   return o.object != Object::kSphere || point.dot((pose.Center() - point).normalized()) > 0.35;
 }
 
-inline double MedianAngle(const SyntheticBlock& b, const TwoViewGeometry& g, const std::vector<std::uint32_t>& shared_points) {
+inline double MedianAngle(const SyntheticBlock& b, const TwoViewGeometry& g,
+                          const std::vector<std::uint32_t>& shared_points) {
   std::vector<double> angles;
   for (const std::uint32_t p : shared_points) {
-    const Eigen::Vector3d u = b.points[p] - b.cam_from_world[g.pair.first.value].Center(), v = b.points[p] - b.cam_from_world[g.pair.second.value].Center();
+    const Eigen::Vector3d u = b.points[p] - b.cam_from_world[g.pair.first.value].Center(),
+                          v = b.points[p] - b.cam_from_world[g.pair.second.value].Center();
     angles.push_back(std::atan2(u.cross(v).norm(), u.dot(v)));
   }
   std::nth_element(angles.begin(), angles.begin() + static_cast<std::ptrdiff_t>(angles.size() / 2), angles.end());
@@ -117,7 +120,8 @@ inline void AddPairs(const SyntheticOptions& o, SyntheticBlock& b) {
         std::sort(g.inliers.begin(), g.inliers.end());
         g.second_from_first = b.cam_from_world[j] * b.cam_from_world[i].Inverse();
         const double length = g.second_from_first.translation.norm();
-        g.second_from_first.translation = length > 1e-9 ? Eigen::Vector3d(g.second_from_first.translation / length) : Eigen::Vector3d::Zero();
+        g.second_from_first.translation =
+            length > 1e-9 ? Eigen::Vector3d(g.second_from_first.translation / length) : Eigen::Vector3d::Zero();
         g.median_angle_rad = MedianAngle(b, g, shared);
         const bool flat = o.object == Object::kPlane || length <= 1e-9;
         g.model = flat ? TwoViewModel::kHomography : TwoViewModel::kEssential;

@@ -34,7 +34,8 @@ TEST(P3p, TruePoseIsAmongTheSolutions) {
     counts.insert(poses.size());
     double best = 1e9;
     for (const Rigid3& pose : poses) {
-      best = std::min(best, (pose.translation - truth.translation).norm() + pose.rotation.angularDistance(truth.rotation));
+      best =
+          std::min(best, (pose.translation - truth.translation).norm() + pose.rotation.angularDistance(truth.rotation));
       for (int k = 0; k < 3; ++k) EXPECT_LT(((pose * points[k]).normalized() - rays[k]).norm(), 1e-6);
     }
     missed += best > 1e-5;
@@ -44,7 +45,8 @@ TEST(P3p, TruePoseIsAmongTheSolutions) {
 }
 
 TEST(P3p, DegenerateTriplesGiveNothing) {
-  const std::array<Eigen::Vector3d, 3> rays{Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0.1, 0, 1).normalized(), Eigen::Vector3d(0.2, 0, 1).normalized()};
+  const std::array<Eigen::Vector3d, 3> rays{Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0.1, 0, 1).normalized(),
+                                            Eigen::Vector3d(0.2, 0, 1).normalized()};
   EXPECT_TRUE(SolveP3p(rays, {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(1, 0, 1), Eigen::Vector3d(2, 0, 1)}).empty());
   EXPECT_TRUE(SolveP3p(rays, {Eigen::Vector3d(1, 2, 3), Eigen::Vector3d(1, 2, 3), Eigen::Vector3d(1, 2, 3)}).empty());
 }

@@ -21,7 +21,8 @@ struct Scene {
 
 Scene MakeScene(int n, double noise_px, double wrong_share, Rng& rng) {
   Scene scene;
-  scene.truth = {Eigen::Quaterniond(rng.Normal(), rng.Normal(), rng.Normal(), rng.Normal()), Eigen::Vector3d(rng.Normal(), rng.Normal(), rng.Normal())};
+  scene.truth = {Eigen::Quaterniond(rng.Normal(), rng.Normal(), rng.Normal(), rng.Normal()),
+                 Eigen::Vector3d(rng.Normal(), rng.Normal(), rng.Normal())};
   for (int i = 0; i < n; ++i) {
     const Eigen::Vector3d x(rng.Uniform(-1.5, 1.5), rng.Uniform(-1, 1), rng.Uniform(3, 6));
     scene.points.push_back(scene.truth.Inverse() * x);
@@ -59,13 +60,15 @@ TEST(Resection, RefinementMinimisesTheResiduals) {
     const Scene scene = MakeScene(40, 1.0, 0, rng);
     std::vector<std::uint32_t> all(40);
     std::iota(all.begin(), all.end(), 0U);
-    const Rigid3 start{scene.truth.rotation * Eigen::Quaterniond(Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitX())), scene.truth.translation + Eigen::Vector3d(0.1, 0.1, -0.1)};
+    const Rigid3 start{scene.truth.rotation * Eigen::Quaterniond(Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitX())),
+                       scene.truth.translation + Eigen::Vector3d(0.1, 0.1, -0.1)};
     const auto refined = RefineResection(scene.Input(), all, start, 0);
     ASSERT_TRUE(refined);
     const auto cost = [&](const Rigid3& pose) {
       const CameraPose camera(pose);
       double sum = 0;
-      for (std::size_t k = 0; k < 40; ++k) sum += std::pow(RayResidualPx({&camera, scene.normalized[k], 2000}, scene.points[k]), 2);
+      for (std::size_t k = 0; k < 40; ++k)
+        sum += std::pow(RayResidualPx({&camera, scene.normalized[k], 2000}, scene.points[k]), 2);
       return sum;
     };
     const double least = cost(*refined);

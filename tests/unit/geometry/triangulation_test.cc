@@ -64,7 +64,8 @@ TEST(Triangulation, RefinementIsTheMinimumOfTheResiduals) {
 }
 
 TEST(Triangulation, AngleIsTheOneAtThePoint) {
-  const CameraPose left(Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(1, 0, 0))), right(Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-1, 0, 0)));
+  const CameraPose left(Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(1, 0, 0))),
+      right(Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-1, 0, 0)));
   const RayView views[] = {{&left, {}, 1}, {&right, {}, 1}};
   EXPECT_NEAR(IntersectionAngle(views, {0, 0, 1}), DegToRad(90), 1e-12);
   EXPECT_NEAR(IntersectionAngle(views, {0, 0, 1e5}), 2e-5, 1e-12);
@@ -102,7 +103,8 @@ TEST(Triangulation, NoPointWithoutParallaxBehindCamerasOrFarOffTheRays) {
   scene.views[0].normalized.y() += 0.05;
   EXPECT_FALSE(IntersectRobustly(scene.views, options));
   // Rays that meet behind both cameras.
-  const CameraPose left(Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(1, 0, 0))), right(Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-1, 0, 0)));
+  const CameraPose left(Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(1, 0, 0))),
+      right(Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-1, 0, 0)));
   const RayView diverging[] = {{&left, {-0.2, 0}, 1000}, {&right, {0.2, 0}, 1000}};
   EXPECT_FALSE(IntersectRobustly(diverging, options));
 }

@@ -28,8 +28,8 @@ Output Map(const SyntheticBlock& b, const Options& options = {}) {
 }
 
 struct Deviation {
-  double center = 0;   ///< root mean square, units of the object
-  double rotation = 0; ///< largest, rad
+  double center = 0;    ///< root mean square, units of the object
+  double rotation = 0;  ///< largest, rad
 };
 
 /// After the similarity that fits the projection centres best.
@@ -47,7 +47,8 @@ Deviation DeviationFromTruth(const SyntheticBlock& b, const Model& model) {
   for (const auto& [image, pose] : model.cam_from_world) {
     const Rigid3 aligned = TransformPose(*truth_from_model, pose);
     sum += (aligned.Center() - b.cam_from_world[image.value].Center()).squaredNorm();
-    deviation.rotation = std::max(deviation.rotation, aligned.rotation.angularDistance(b.cam_from_world[image.value].rotation));
+    deviation.rotation =
+        std::max(deviation.rotation, aligned.rotation.angularDistance(b.cam_from_world[image.value].rotation));
   }
   deviation.center = std::sqrt(sum / static_cast<double>(estimated.size()));
   return deviation;
@@ -72,10 +73,12 @@ TEST(Mapping, DatumIsTheCentresOfProjection) {
   ASSERT_EQ(output.models.size(), 1u);
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   double distance = 0;
-  for (const auto& [image, pose] : output.models[0].cam_from_world) mean += pose.Center(), distance += pose.Center().norm() / 8;
+  for (const auto& [image, pose] : output.models[0].cam_from_world)
+    mean += pose.Center(), distance += pose.Center().norm() / 8;
   EXPECT_LT(mean.norm(), 1e-12);
   EXPECT_NEAR(distance, 1, 1e-12);
-  EXPECT_LT(output.models[0].cam_from_world.begin()->second.rotation.angularDistance(Eigen::Quaterniond::Identity()), 1e-12);
+  EXPECT_LT(output.models[0].cam_from_world.begin()->second.rotation.angularDistance(Eigen::Quaterniond::Identity()),
+            1e-12);
 }
 
 TEST(Mapping, NoiseComesBackAsSigma0) {
@@ -228,7 +231,8 @@ TEST(Mapping, ImagesWithoutMatchesAreNamedWithAReason) {
   ASSERT_EQ(output.models.size(), 1u);
   ASSERT_EQ(output.unoriented.size(), 1u);
   EXPECT_EQ(output.unoriented[0].image, ImageId(8));
-  EXPECT_NE(output.unoriented[0].reason.find("9 unverified with IMG_3.jpg"), std::string::npos) << output.unoriented[0].reason;
+  EXPECT_NE(output.unoriented[0].reason.find("9 unverified with IMG_3.jpg"), std::string::npos)
+      << output.unoriented[0].reason;
 }
 
 TEST(Mapping, NothingComesOfNothing) {
@@ -249,10 +253,13 @@ bool SameBits(const Model& a, const Model& b) {
   };
   if (a.cam_from_world.size() != b.cam_from_world.size() || a.points.size() != b.points.size()) return false;
   for (auto i = a.cam_from_world.begin(), j = b.cam_from_world.begin(); i != a.cam_from_world.end(); ++i, ++j)
-    if (i->first != j->first || !same(i->second.rotation.coeffs(), j->second.rotation.coeffs()) || !same(i->second.translation, j->second.translation))
+    if (i->first != j->first || !same(i->second.rotation.coeffs(), j->second.rotation.coeffs()) ||
+        !same(i->second.translation, j->second.translation))
       return false;
   for (std::size_t p = 0; p < a.points.size(); ++p)
-    if (!same(a.points[p].position, b.points[p].position) || a.points[p].observations.size() != b.points[p].observations.size()) return false;
+    if (!same(a.points[p].position, b.points[p].position) ||
+        a.points[p].observations.size() != b.points[p].observations.size())
+      return false;
   return true;
 }
 
@@ -279,7 +286,9 @@ TEST(Mapping, StopsWhenAsked) {
     explicit StoppingContext(int polls) : polls_(polls) {}
     bool StopRequested() const override { return --polls_ < 0; }
     std::uint64_t Seed() const override { return 5; }
-    void ParallelFor(std::size_t n, std::size_t, const std::function<void(std::size_t, std::size_t)>& fn) override { fn(0, n); }
+    void ParallelFor(std::size_t n, std::size_t, const std::function<void(std::size_t, std::size_t)>& fn) override {
+      fn(0, n);
+    }
     void ReportProgress(double) override {}
 
    private:
