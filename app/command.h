@@ -2,8 +2,11 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <mutex>
 #include <span>
 #include <string>
 #include <vector>
@@ -16,11 +19,18 @@ namespace rilievo::app {
 
 enum ExitCode { kExitDone = 0, kExitFailed = 1, kExitUsage = 2, kExitCancelled = 130 };
 
-/// What every command gets from main.
+/// What every command gets from main. Outlives every thread that looks at it.
 struct ProgramContext {
   engine::StopSource stop;
-  int exit_code = kExitDone;  ///< set by the command that ran
+  int exit_code = kExitDone;          ///< set by the command that ran
+  bool json_messages = false;         ///< --progress json: warnings and errors are JSON lines too
+  std::mutex before_exit_mutex;       ///< guards before_exit
+  std::function<void()> before_exit;  ///< what a cancelled program still does: writing its trace
 };
+
+/// One line on stderr: "rilievo: WARNING: ..." for people, {"event": "warning", "message": ...} for programs.
+void PrintWarning(const ProgramContext& context, const std::string& message);
+void PrintError(const ProgramContext& context, const std::string& message);
 
 void AddOrientCommand(CLI::App& app, ProgramContext& context);
 void AddPlanCommand(CLI::App& app, ProgramContext& context);
@@ -29,9 +39,15 @@ void AddReportCommand(CLI::App& app, ProgramContext& context);
 void AddExportCommand(CLI::App& app, ProgramContext& context);
 void AddSimulateCommand(CLI::App& app, ProgramContext& context);
 
-/// Makes one flag a declared option; the help shows unit, range and default.
+/// Adds --options FILE: a TOML file that sets options of `command` by their long names. What the command line gives
+/// goes first; unknown names and wrong values are errors with the file's name. Read by ApplyOptionsFile.
+void AddOptionsFile(CLI::App& command, std::string& path);
+void ApplyOptionsFile(CLI::App& command, const std::string& path);
+
+/// Makes each declared option a flag; the help shows unit, range and default.
 template <class S>
-void AddDeclaredOptions(CLI::App& command, S& options, std::span<const OptionDeclaration<S>> declarations, const std::string& group) {
+void AddDeclaredOptions(CLI::App& command, S& options, std::span<const OptionDeclaration<S>> declarations,
+                        const std::string& group) {
   for (const auto& d : declarations) {
     std::string help(d.help);
     if (!d.unit.empty()) help += " [" + std::string(d.unit) + "]";
@@ -39,14 +55,15 @@ void AddDeclaredOptions(CLI::App& command, S& options, std::span<const OptionDec
       help += " (";
       for (std::size_t i = 0; i < d.choices.size(); ++i) help += (i ? ", " : "") + std::string(d.choices[i]);
       help += ")";
-    } else if (!std::holds_alternative<bool S::*>(d.member)) {
-      char range[80] = "";
-      if (d.min > -1e300 && d.max < 1e300) std::snprintf(range, sizeof range, " (%g to %g)", d.min, d.max);
+    } else if (!std::holds_alternative<bool S::*>(d.member) && d.min > -1e300 && d.max < 1e300) {
+      char range[80];
+      std::snprintf(range, sizeof range, " (%.10g to %.10g)", d.min, d.max);
       help += range;
     }
     command
         .add_option_function<std::string>(
-            "--" + std::string(d.name), [&options, d](const std::string& text) { SetOptionValue(options, d, text); }, help)
+            "--" + std::string(d.name), [&options, d](const std::string& text) { SetOptionValue(options, d, text); },
+            help)
         ->default_str(OptionValueText(options, d))
         ->type_name(std::holds_alternative<bool S::*>(d.member) ? "true|false" : "VALUE")
         ->group(group);

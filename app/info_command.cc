@@ -17,7 +17,10 @@ void PrintInfo(const StoredRun& run) {
     return done;
   };
   fmt::print("workspace    {}\n", run.workspace.dir().string());
-  fmt::print("images       {}{}\n", run.record.images.string(), std::filesystem::exists(run.record.images) ? "" : " (not there any more: report and export work, orient needs the new place)");
+  fmt::print("images       {}{}\n", run.record.images.string(),
+             std::filesystem::exists(run.record.images)
+                 ? ""
+                 : " (not there any more: report and export work, orient needs the new place)");
   fmt::print("network      {}\n", run.record.options.network == scheduling::Network::kSequence ? "sequence" : "sparse");
   fmt::print("features     {} of {} images\n", count(run.keys.features), run.keys.features.size());
   fmt::print("pairs        {} of {} tiles\n", count(run.keys.pairs), run.keys.pairs.size());
@@ -36,11 +39,14 @@ void PrintInfo(const StoredRun& run) {
   fmt::print("\n   width  height  features  image\n");
   for (const Image& image : run.record.block.images) {
     const bool there = store.Exists(run.keys.features[image.id.value]);
-    const std::string features = result ? std::to_string(result->images.at(image.id.value).features) : there ? "done" : "-";
+    const std::string features = result  ? std::to_string(result->images.at(image.id.value).features)
+                                 : there ? "done"
+                                         : "-";
     fmt::print("  {:6}  {:6}  {:>8}  {}{}\n", image.width_px, image.height_px, features, image.name,
                states[image.id.value].empty() ? "" : ": " + states[image.id.value]);
   }
-  for (const auto& q : run.record.block.quarantined) fmt::print("       -       -         -  {}: quarantined: {}\n", q.name, q.reason);
+  for (const auto& q : run.record.block.quarantined)
+    fmt::print("       -       -         -  {}: quarantined: {}\n", q.name, q.reason);
 }
 
 }  // namespace

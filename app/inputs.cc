@@ -61,9 +61,10 @@ std::vector<io::CalibrationEntry> ReadCalibrations(const InputFlags& flags) {
 
 Inputs LoadScene(const InputFlags& flags, PlanRunner& runner) {
   Inputs inputs;
-  inputs.images = fs::absolute(flags.images).lexically_normal();
+  inputs.images = fs::weakly_canonical(fs::absolute(flags.images));
   inputs.from_scene = true;
-  if (!flags.order.empty()) throw Error(ErrorCode::kUsage, "--order", "does not go with a scene file", "a scene has its own order");
+  if (!flags.order.empty())
+    throw Error(ErrorCode::kUsage, "--order", "does not go with a scene file", "a scene has its own order");
   const simulation::Scene scene = simulation::ReadSceneFile(flags.images);
   inputs.block = simulation::SceneBlock(scene);
   if (!flags.calibrations.empty()) {
@@ -79,21 +80,34 @@ Inputs LoadScene(const InputFlags& flags, PlanRunner& runner) {
 }  // namespace
 
 void AddInputFlags(CLI::App& command, InputFlags& flags) {
-  command.add_option("images", flags.images, "Folder of photographs (JPEG, PNG, TIFF), or a scene file of rilievo simulate")
+  command
+      .add_option("images", flags.images,
+                  "Folder of photographs (JPEG, PNG, TIFF), or a scene file of rilievo simulate")
       ->required()
       ->type_name("IMAGES");
   command
-      .add_option("--calibration", flags.calibrations,
-                  "Interior orientation: 3x3 K matrix as text, this program's TOML, OpenCV YAML/XML or COLMAP cameras.txt; "
-                  "several cameras: by image size or folder. Without it the focal length comes from EXIF")
-      ->type_name("FILE");
-  command.add_option("--pixel-origin", flags.pixel_origin, "Where text K and cameras.txt count from: the upper-left pixel's corner (its centre is 0.5, 0.5) or its center (0, 0)")
+      .add_option(
+          "--calibration", flags.calibrations,
+          "Interior orientation: 3x3 K matrix as text, this program's TOML, OpenCV YAML/XML or COLMAP cameras.txt; "
+          "several cameras: by image size or folder, or given several times. Without it the focal length comes from "
+          "EXIF")
+      ->type_name("FILE")
+      ->allow_extra_args(false);
+  command
+      .add_option("--pixel-origin", flags.pixel_origin,
+                  "Where text K and cameras.txt count from: the upper-left pixel's corner (its centre is 0.5, 0.5) or "
+                  "its center (0, 0)")
       ->check(CLI::IsMember({"corner", "center"}))
       ->capture_default_str();
-  command.add_option("--network", flags.network, "sparse: all n(n-1)/2 pairs; sequence: the 2n-3 pairs of successive triplets")
+  command
+      .add_option("--network", flags.network,
+                  "sparse: all n(n-1)/2 pairs; sequence: the 2n-3 pairs of successive triplets")
       ->check(CLI::IsMember({"sparse", "sequence"}))
       ->capture_default_str();
-  command.add_option("--order", flags.order, "Text file with the order of a sequence, a name a line; else natural order of the names")->type_name("FILE");
+  command
+      .add_option("--order", flags.order,
+                  "Text file with the order of a sequence, a name a line; else natural order of the names")
+      ->type_name("FILE");
 }
 
 void AddStageOptions(CLI::App& command, scheduling::OrientOptions& options) {
@@ -104,9 +118,10 @@ void AddStageOptions(CLI::App& command, scheduling::OrientOptions& options) {
 }
 
 Inputs LoadInputs(const InputFlags& flags, PlanRunner& runner) {
+  if (flags.images.empty()) throw Error(ErrorCode::kUsage, "IMAGES", "is empty", "give a folder of photographs");
   if (fs::is_regular_file(flags.images) && simulation::IsSceneFile(flags.images)) return LoadScene(flags, runner);
   Inputs inputs;
-  inputs.images = fs::absolute(flags.images).lexically_normal();
+  inputs.images = fs::weakly_canonical(fs::absolute(flags.images));
   const std::vector<io::CalibrationEntry> calibration = ReadCalibrations(flags);
   io::FoundImages found = io::FindImages(inputs.images);
   std::vector<QuarantinedImage> quarantined = std::move(found.ignored);
@@ -117,7 +132,8 @@ Inputs LoadInputs(const InputFlags& flags, PlanRunner& runner) {
   }
   std::vector<Image> images = InspectImages(inputs.images, found.names, runner, quarantined);
   if (images.empty()) {
-    const std::string example = quarantined.empty() ? "" : "first: " + quarantined.front().name + ": " + quarantined.front().reason;
+    const std::string example =
+        quarantined.empty() ? "" : "first: " + quarantined.front().name + ": " + quarantined.front().reason;
     throw Error(ErrorCode::kInvalidInput, inputs.images.string(), "has no readable image", example);
   }
   auto assigned = io::MakeBlock(std::move(images), std::move(quarantined), calibration);

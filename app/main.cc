@@ -1,11 +1,12 @@
 // The program rilievo: dispatches to its commands; one line for every error; Ctrl-C ends it within a second.
-#include <fmt/format.h>
 #include <malloc.h>
 #include <pthread.h>
 #include <signal.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <chrono>
+#include <cstdio>
 #include <new>
 #include <thread>
 
@@ -18,21 +19,26 @@ namespace {
 
 constexpr auto kGrace = std::chrono::milliseconds(700);
 
-/// Takes SIGINT and SIGTERM on a thread of its own: asks the run to stop, and after a grace leaves at once. That is safe at
-/// any instant, because artifacts are published atomically.
-void WatchSignals(engine::StopSource& stop) {
+constexpr const char* kCancelledLine = "cancelled; finished work is kept, run the same command to continue";
+
+/// Takes SIGINT and SIGTERM on a thread of its own: asks the run to stop, and after a grace leaves at once. That is
+/// safe at any instant, because artifacts are published atomically.
+void WatchSignals(ProgramContext& context) {
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);
   sigaddset(&signals, SIGTERM);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-  std::thread([signals, &stop] {
+  std::thread([signals, &context] {
     int signal = 0;
     sigwait(&signals, &signal);
-    stop.RequestStop();
+    context.stop.RequestStop();
     std::this_thread::sleep_for(kGrace);
-    static constexpr char kLine[] = "rilievo: cancelled; finished work is kept, run the same command to continue\n";
-    [[maybe_unused]] const auto written = ::write(STDERR_FILENO, kLine, sizeof kLine - 1);
+    {
+      const std::lock_guard lock(context.before_exit_mutex);
+      if (context.before_exit) context.before_exit();
+    }
+    PrintError(context, kCancelledLine);
     ::_exit(kExitCancelled);
   }).detach();
 }
@@ -48,23 +54,8 @@ void PrepareProcess() {
   signal(SIGXFSZ, SIG_IGN);
 }
 
-int Main(int argc, char** argv) {
-  // The context outlives main's frame: the signal thread may still look at it while the process ends.
-  static ProgramContext context;
-  PrepareProcess();
-  WatchSignals(context.stop);
-  CLI::App app("Rilievo: orientation of full-resolution photographs, with statistics", "rilievo");
-  app.require_subcommand(1);
-  app.set_version_flag("--version", "rilievo " RILIEVO_VERSION);
-  app.failure_message(CLI::FailureMessage::simple);
-  AddOrientCommand(app, context);
-  AddPlanCommand(app, context);
-  AddInfoCommand(app, context);
-  AddReportCommand(app, context);
-  AddExportCommand(app, context);
-  AddSimulateCommand(app, context);
-  for (CLI::App* command : app.get_subcommands({}))
-    command->set_config("--options", "", "TOML file with any of these options (name = value); the command line goes first")->group("General");
+/// Runs the command line; every error becomes one line.
+int Dispatch(CLI::App& app, int argc, char** argv, ProgramContext& context) {
   try {
     app.parse(argc, argv);
     return context.exit_code;
@@ -74,21 +65,45 @@ int Main(int argc, char** argv) {
     std::string line = error.what();
     for (char& c : line)
       if (c == '\n') c = ' ';
-    fmt::print(stderr, "rilievo: {} (see rilievo --help)\n", line);
+    PrintError(context, line + " (see rilievo --help)");
     return kExitUsage;
   } catch (const Cancelled&) {
-    fmt::print(stderr, "rilievo: cancelled; finished work is kept, run the same command to continue\n");
+    PrintError(context, kCancelledLine);
     return kExitCancelled;
   } catch (const Error& error) {
-    fmt::print(stderr, "rilievo: {}\n", error.what());
+    PrintError(context, error.what());
     return error.code() == ErrorCode::kUsage ? kExitUsage : kExitFailed;
   } catch (const std::bad_alloc&) {
-    fmt::print(stderr, "rilievo: the machine has no memory left (lower --memory or --threads)\n");
+    PrintError(context, "the machine has no memory left (lower --memory or --threads)");
     return kExitFailed;
   } catch (const std::exception& error) {
-    fmt::print(stderr, "rilievo: unexpected error: {}\n", error.what());
+    PrintError(context, std::string("unexpected error: ") + error.what());
     return kExitFailed;
   }
+}
+
+/// A result that could not be written is no success: a full disk behind stdout is named. A closed pipe stays quiet.
+int FlushOutput(const ProgramContext& context, int exit_code) {
+  if (std::fflush(stdout) == 0 && !std::ferror(stdout)) return exit_code;
+  if (errno != EPIPE) PrintError(context, "the output cannot be written (is the disk full?)");
+  return exit_code == kExitDone ? kExitFailed : exit_code;
+}
+
+int Main(int argc, char** argv) {
+  static ProgramContext context;  // the signal thread may look at it while the process ends
+  PrepareProcess();
+  WatchSignals(context);
+  CLI::App app("Rilievo: orientation of full-resolution photographs, with statistics", "rilievo");
+  app.require_subcommand(1);
+  app.set_version_flag("--version", "rilievo " RILIEVO_VERSION);
+  app.footer("Each command has its own help and example: rilievo COMMAND --help");
+  AddOrientCommand(app, context);
+  AddPlanCommand(app, context);
+  AddInfoCommand(app, context);
+  AddReportCommand(app, context);
+  AddExportCommand(app, context);
+  AddSimulateCommand(app, context);
+  return FlushOutput(context, Dispatch(app, argc, argv, context));
 }
 
 }  // namespace

@@ -7,7 +7,8 @@
 #include "app/command.h"
 #include "app/inputs.h"
 #include "app/run_flags.h"
-#include "engine/artifact_store.h"
+#include "base/cpu.h"
+#include "scheduling/orient_costs.h"
 #include "scheduling/orient_plan.h"
 #include "scheduling/workspace.h"
 #include "stages/reporting/orientation_report.h"
@@ -19,33 +20,45 @@ struct OrientFlags {
   InputFlags inputs;
   RunFlags run;
   scheduling::OrientOptions options;
-  std::string workspace;
+  std::string workspace, options_file;
 };
 
-void RefuseWhatDoesNotFit(const scheduling::OrientRun& run, const Limits& limits, const std::filesystem::path& dir) {
-  const auto summary = scheduling::Summarize(run, limits.budget_bytes, limits.threads);
-  const std::uint64_t free_bytes = scheduling::FreeDiskBytes(dir);
-  if (summary.disk_bytes + 16 * kMebibyte > free_bytes)
-    throw Error(ErrorCode::kDiskFull, dir.string(),
-                fmt::format("the run needs about {} on this disk and {} are free", FormatBytes(summary.disk_bytes + 16 * kMebibyte), FormatBytes(free_bytes)),
-                "free some space, or give a --workspace on another disk");
+scheduling::OrientOptions OptionsOf(const OrientFlags& flags) {
+  scheduling::OrientOptions options = flags.options;
+  options.network = flags.inputs.network == "sequence" ? scheduling::Network::kSequence : scheduling::Network::kSparse;
+  scheduling::Validate(options);
+  return options;
+}
+
+/// The inputs of a run, with what makes them unusable refused.
+Inputs LoadUsableInputs(const OrientFlags& flags, PlanRunner& runner, ProgramContext& context) {
+  Inputs inputs = LoadInputs(flags.inputs, runner);
+  if (inputs.block.images.size() < 2)
+    throw Error(ErrorCode::kInvalidInput, inputs.images.string(),
+                "has one usable image, an orientation needs at least two",
+                inputs.block.quarantined.empty()
+                    ? "add overlapping photographs"
+                    : inputs.block.quarantined.front().name + ": " + inputs.block.quarantined.front().reason);
+  if (!flags.run.quiet)
+    for (const auto& warning : inputs.warnings) PrintWarning(context, warning);
+  return inputs;
 }
 
 void WriteReports(const scheduling::Workspace& workspace, const Block& block, const OrientationResult& result,
                   const reporting::Report& report, const std::vector<std::string>& warnings) {
-  const std::string text = reporting::ToText(report, block, result, warnings);
-  const std::string json = reporting::ToJson(report, block, result, warnings).dump(1) + "\n";
-  engine::WriteFileDurably(workspace.dir() / "report.txt", std::as_bytes(std::span(text)));
-  engine::WriteFileDurably(workspace.dir() / "report.json", std::as_bytes(std::span(json)));
+  workspace.WriteText("report.txt", reporting::ToText(report, block, result, warnings));
+  workspace.WriteText("report.json", reporting::ToJson(report, block, result, warnings).dump(1) + "\n");
 }
 
 /// The lines a person wants at the end; the whole report is in the workspace.
-void PrintResult(const reporting::Report& report, const OrientationResult& result, const scheduling::Workspace& workspace) {
+void PrintResult(const reporting::Report& report, const OrientationResult& result,
+                 const scheduling::Workspace& workspace) {
   fmt::print("oriented {} of {} images", report.oriented, report.images);
   if (report.models.size() > 1) fmt::print(" in {} separate components", report.models.size());
   fmt::print("\n");
   for (const auto& m : report.models)
-    fmt::print("  {} images, {} object points, {} rays, sigma0 {:.3f} px, RMS residual {:.3f} px\n", m.images.size(), m.points, m.rays, m.sigma0_px, m.rms_px);
+    fmt::print("  {} images, {} object points, {} rays, sigma0 {:.3f} px, RMS residual {:.3f} px\n", m.images.size(),
+               m.points, m.rays, m.sigma0_px, m.rms_px);
   if (!result.unoriented.empty()) fmt::print("  {} images not oriented: see the report\n", result.unoriented.size());
   if (!report.quarantined.empty()) fmt::print("  {} files quarantined: see the report\n", report.quarantined.size());
   fmt::print("report: {}\n", (workspace.dir() / "report.txt").string());
@@ -62,78 +75,87 @@ void PrintResult(const reporting::Report& report, const OrientationResult& resul
   throw Error(ErrorCode::kInvalidInput, "", why, "all reasons are in " + (workspace.dir() / "report.txt").string());
 }
 
-int RunOrient(const OrientFlags& flags, const engine::StopSource& stop) {
-  scheduling::Validate(flags.options);
-  PlanRunner runner(flags.run, ResolveLimits(flags.run), stop);
-  Inputs inputs = LoadInputs(flags.inputs, runner);
-  const Limits& limits = runner.limits();
-  if (inputs.block.images.size() < 2)
-    throw Error(ErrorCode::kInvalidInput, inputs.images.string(), "has one usable image, an orientation needs at least two",
-                inputs.block.quarantined.empty() ? "add overlapping photographs"
-                                                 : inputs.block.quarantined.front().name + ": " + inputs.block.quarantined.front().reason);
-  if (!flags.run.quiet)
-    for (const auto& warning : inputs.warnings) fmt::print(stderr, "rilievo: WARNING: {}\n", warning);
+/// Runs what is missing and reads the result back.
+OrientationResult Execute(std::shared_ptr<scheduling::OrientRun> run, const PlanRunner& runner,
+                          const scheduling::Workspace& workspace) {
+  engine::Plan plan = scheduling::MakeOrientPlan(run);
+  runner.Run(plan);
+  auto result = scheduling::LoadOrientation(run->store, run->keys);
+  if (!result)
+    throw Error(ErrorCode::kIo, workspace.dir().string(), "the orientation was written but cannot be read back",
+                "check the disk");
+  return std::move(*result);
+}
 
-  scheduling::OrientOptions options = flags.options;
-  options.network = flags.inputs.network == "sequence" ? scheduling::Network::kSequence : scheduling::Network::kSparse;
-  const auto workspace = scheduling::Workspace::OpenOrCreate(flags.workspace);
-  workspace.WriteRecord({inputs.images, inputs.from_scene, inputs.block, options, inputs.warnings});
+int RunOrient(const OrientFlags& flags, ProgramContext& context) {
+  const scheduling::OrientOptions options = OptionsOf(flags);
+  PlanRunner runner(flags.run, context);
+  const auto found = scheduling::Workspace::ForPlanning(flags.workspace);
+  Inputs inputs = LoadUsableInputs(flags, runner, context);
+  const scheduling::OrientRun planned(inputs.block, *inputs.pixels, found.store(), options, runner.overhead_bytes());
+  std::optional<OrientationResult> result = scheduling::LoadOrientation(found.store(), planned.keys);
+  if (!result)
+    scheduling::RefuseWhatCannotFit(
+        scheduling::Summarize(planned, runner.limits().budget_bytes, runner.limits().threads),
+        runner.limits().budget_bytes, runner.overhead_bytes(), found.dir());
 
-  auto run = std::make_shared<scheduling::OrientRun>(inputs.block, *inputs.pixels, workspace.store(), options);
-  std::optional<OrientationResult> result = scheduling::LoadOrientation(workspace.store(), run->keys);
+  const scheduling::RunRecord record{
+      inputs.images, inputs.from_scene, inputs.block, options, std::string(ProcessorLevel()), inputs.warnings};
   if (result) {
-    if (!flags.run.quiet) fmt::print("nothing to do: this orientation is already in {}\n", workspace.dir().string());
+    found.WriteRecord(record);
+    if (!flags.run.quiet) fmt::print("nothing to do: this orientation is already in {}\n", found.dir().string());
   } else {
-    RefuseWhatDoesNotFit(*run, limits, workspace.dir());
-    engine::Plan plan = scheduling::MakeOrientPlan(run);
-    const engine::ExecutionReport executed = runner.Run(plan);
-    for (const auto& outcome : executed.outcomes)
-      if (outcome.state == engine::TaskState::kFailed) throw Error(ErrorCode::kInternal, "", outcome.error);
-    result = scheduling::LoadOrientation(workspace.store(), run->keys);
-    if (!result) throw Error(ErrorCode::kIo, workspace.dir().string(), "the orientation was written but cannot be read back", "check the disk");
+    const auto workspace = scheduling::Workspace::OpenOrCreate(flags.workspace);
+    workspace.RemoveReports();
+    workspace.WriteRecord(record);
+    result = Execute(std::make_shared<scheduling::OrientRun>(inputs.block, *inputs.pixels, workspace.store(), options,
+                                                             runner.overhead_bytes()),
+                     runner, workspace);
   }
   const reporting::Report report = reporting::Summarize(inputs.block, *result);
-  WriteReports(workspace, inputs.block, *result, report, inputs.warnings);
-  if (report.models.empty()) FailUnoriented(inputs.block, *result, report, workspace);
-  if (!flags.run.quiet) PrintResult(report, *result, workspace);
+  WriteReports(found, inputs.block, *result, report, inputs.warnings);
+  if (report.models.empty()) FailUnoriented(inputs.block, *result, report, found);
+  if (!flags.run.quiet) PrintResult(report, *result, found);
   return kExitDone;
 }
 
-/// What a run would do, as text for people.
-int RunPlan(const OrientFlags& flags, const engine::StopSource& stop) {
-  scheduling::Validate(flags.options);
-  PlanRunner runner(flags.run, ResolveLimits(flags.run), stop);
-  Inputs inputs = LoadInputs(flags.inputs, runner);
-  const Limits& limits = runner.limits();
-  for (const auto& warning : inputs.warnings) fmt::print(stderr, "rilievo: WARNING: {}\n", warning);
-  scheduling::OrientOptions options = flags.options;
-  options.network = flags.inputs.network == "sequence" ? scheduling::Network::kSequence : scheduling::Network::kSparse;
-  const auto workspace = scheduling::Workspace::ForPlanning(flags.workspace);
-  const scheduling::OrientRun run(inputs.block, *inputs.pixels, workspace.store(), options);
-  const auto s = scheduling::Summarize(run, limits.budget_bytes, limits.threads);
+void PrintPlan(const scheduling::PlanSummary& s, const OrientFlags& flags, const Inputs& inputs,
+               const PlanRunner& runner, const std::filesystem::path& dir) {
   double megapixels = 0;
   for (const Image& image : inputs.block.images) megapixels += 1e-6 * image.width_px * image.height_px;
-  fmt::print("images      {} ({:.1f} Mpx in all), {} cameras, {} files quarantined\n", s.images, megapixels, inputs.block.cameras.size(), inputs.block.quarantined.size());
+  fmt::print("images      {} ({:.1f} Mpx in all), {} camera{}, {} files quarantined\n", s.images, megapixels,
+             inputs.block.cameras.size(), inputs.block.cameras.size() == 1 ? "" : "s", inputs.block.quarantined.size());
   fmt::print("pairs       {} ({})\n", s.pairs, flags.inputs.network);
   fmt::print("tasks       {} features, {} pair tiles, 1 orientation\n", s.feature_tasks, s.pair_tasks);
-  fmt::print("done        {} features, {} pair tiles, {} orientation\n", s.feature_tasks_done, s.pair_tasks_done, s.orientation_done ? 1 : 0);
-  fmt::print("memory      {} limit; the largest task needs {} ({}), the program itself {}\n", FormatBytes(limits.memory_bytes), FormatBytes(s.peak_bytes), s.peak_task, FormatBytes(kProcessReserveBytes));
-  const auto dir = flags.workspace.empty() ? std::filesystem::current_path() : std::filesystem::path(flags.workspace);
-  fmt::print("disk        about {} to write, {} free\n", FormatBytes(s.disk_bytes), FormatBytes(scheduling::FreeDiskBytes(dir)));
-  fmt::print("time        about {} with {} threads ({} of one core)\n", FormatDuration(s.time_s), limits.threads, FormatDuration(s.work_s));
-  const bool fits = s.peak_bytes <= limits.budget_bytes;
-  if (!fits)
-    throw Error(ErrorCode::kOutOfMemoryBudget, "", fmt::format("'{}' needs {} and --memory leaves {}", s.peak_task, FormatBytes(s.peak_bytes), FormatBytes(limits.budget_bytes)),
-                fmt::format("use --memory {}MiB or more", (s.peak_bytes + kProcessReserveBytes) / kMebibyte + 1));
+  fmt::print("done        {} features, {} pair tiles, {} orientation\n", s.feature_tasks_done, s.pair_tasks_done,
+             s.orientation_done ? 1 : 0);
+  fmt::print("memory      {} allowed; the program itself {}", FormatBytes(runner.limits().memory_bytes),
+             FormatBytes(runner.overhead_bytes()));
+  if (s.peak_bytes > 0) fmt::print(", the largest task {} ({})", FormatBytes(s.peak_bytes), s.peak_task);
+  fmt::print("\ndisk        about {} to write, {} free\n", FormatBytes(s.disk_bytes),
+             FormatBytes(scheduling::FreeDiskBytes(dir)));
+  fmt::print("time        about {} with {} threads ({} of one core)\n", FormatDuration(s.time_s),
+             runner.limits().threads, FormatDuration(s.work_s));
+}
+
+/// Says what a run would do, and refuses what orient would refuse.
+int RunPlan(const OrientFlags& flags, ProgramContext& context) {
+  const scheduling::OrientOptions options = OptionsOf(flags);
+  PlanRunner runner(flags.run, context);
+  const auto workspace =
+      scheduling::Workspace::ForPlanning(flags.workspace.empty() ? "rilievo-workspace" : flags.workspace);
+  const Inputs inputs = LoadUsableInputs(flags, runner, context);
+  const scheduling::OrientRun run(inputs.block, *inputs.pixels, workspace.store(), options, runner.overhead_bytes());
+  const auto summary = scheduling::Summarize(run, runner.limits().budget_bytes, runner.limits().threads);
+  PrintPlan(summary, flags, inputs, runner, workspace.dir());
+  scheduling::RefuseWhatCannotFit(summary, runner.limits().budget_bytes, runner.overhead_bytes(), workspace.dir());
   return kExitDone;
 }
 
-CLI::App* AddRunCommand(CLI::App& app, const std::string& name, const std::string& description, OrientFlags& flags, bool workspace_required) {
+CLI::App* AddInputCommand(CLI::App& app, const std::string& name, const std::string& description, OrientFlags& flags) {
   CLI::App* command = app.add_subcommand(name, description);
   AddInputFlags(*command, flags.inputs);
-  auto* workspace = command->add_option("--workspace", flags.workspace, "Folder for all results; made when it is not there; running again continues in it")->type_name("DIR");
-  if (workspace_required) workspace->required();
-  AddRunFlags(*command, flags.run);
+  AddOptionsFile(*command, flags.options_file);
   AddStageOptions(*command, flags.options);
   return command;
 }
@@ -142,16 +164,32 @@ CLI::App* AddRunCommand(CLI::App& app, const std::string& name, const std::strin
 
 void AddOrientCommand(CLI::App& app, ProgramContext& context) {
   auto flags = std::make_shared<OrientFlags>();
-  CLI::App* command = AddRunCommand(app, "orient", "Orient a block of photographs: exterior orientation, object points, report", *flags, true);
+  CLI::App* command = AddInputCommand(
+      app, "orient", "Orient a block of photographs: exterior orientation, object points, report", *flags);
+  command
+      ->add_option("--workspace", flags->workspace,
+                   "Folder for all results; made when it is not there; running again continues in it")
+      ->type_name("DIR")
+      ->required();
+  AddRunFlags(*command, flags->run);
   command->footer("Example:\n  rilievo orient photos/ --calibration camera.toml --workspace block/ --memory 4GiB");
-  command->callback([flags, &context] { context.exit_code = RunOrient(*flags, context.stop); });
+  command->callback([flags, command, &context] {
+    ApplyOptionsFile(*command, flags->options_file);
+    context.exit_code = RunOrient(*flags, context);
+  });
 }
 
 void AddPlanCommand(CLI::App& app, ProgramContext& context) {
   auto flags = std::make_shared<OrientFlags>();
-  CLI::App* command = AddRunCommand(app, "plan", "Say what orient would do: pairs, tasks, peak memory, disk space, time", *flags, false);
+  CLI::App* command =
+      AddInputCommand(app, "plan", "Say what orient would do: pairs, tasks, peak memory, disk space, time", *flags);
+  command->add_option("--workspace", flags->workspace, "Folder that may hold a part already")->type_name("DIR");
+  AddLimitFlags(*command, flags->run);
   command->footer("Example:\n  rilievo plan photos/ --calibration camera.toml --memory 2GiB");
-  command->callback([flags, &context] { context.exit_code = RunPlan(*flags, context.stop); });
+  command->callback([flags, command, &context] {
+    ApplyOptionsFile(*command, flags->options_file);
+    context.exit_code = RunPlan(*flags, context);
+  });
 }
 
 }  // namespace rilievo::app

@@ -36,10 +36,14 @@ int RunReport(const ReportFlags& flags) {
 
 void AddReportCommand(CLI::App& app, ProgramContext& context) {
   auto flags = std::make_shared<ReportFlags>();
-  CLI::App* command = app.add_subcommand("report", "Orientation result: images, points, rays, residuals, per image and in all");
+  CLI::App* command =
+      app.add_subcommand("report", "Orientation result: images, points, rays, residuals, per image and in all");
   command->add_option("workspace", flags->workspace, "Workspace folder")->required()->type_name("DIR");
   command->add_flag("--json", flags->json, "JSON for programs (docs/formats/report.md)");
-  command->add_option("--truth", flags->truth, "Scene file of rilievo simulate: also print the errors against its exact truth")->type_name("FILE");
+  command
+      ->add_option("--truth", flags->truth,
+                   "Scene file of rilievo simulate: also print the errors against its exact truth")
+      ->type_name("FILE");
   command->footer("Example:\n  rilievo report block/ --json");
   command->callback([flags, &context] { context.exit_code = RunReport(*flags); });
 }

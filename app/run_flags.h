@@ -15,14 +15,16 @@
 namespace rilievo::app {
 
 struct RunFlags {
-  std::string memory;              ///< text; empty = a fixed share of the machine's memory
-  int threads = 0;                 ///< 0 = all processors this process may use
+  std::string memory;  ///< text; empty = a fixed share of the machine's memory
+  int threads = 0;     ///< 0 = all processors this process may use
   bool quiet = false;
-  std::string progress = "auto";   ///< auto, plain, json, quiet
-  std::string trace;               ///< file, empty = none
-  bool serial = false;             ///< the reference executor
+  std::string progress = "auto";  ///< auto, plain, json, quiet
+  std::string trace;              ///< file, empty = none
+  bool serial = false;            ///< the reference executor
 };
 
+/// --memory and --threads alone, for commands that run nothing for long.
+void AddLimitFlags(CLI::App& command, RunFlags& flags);
 void AddRunFlags(CLI::App& command, RunFlags& flags);
 
 /// Limits after defaults. `budget_bytes` is what tasks may hold: the given memory less what the process itself needs.
@@ -40,22 +42,25 @@ Limits ResolveLimits(const RunFlags& flags);
 /// Runs plans one after the other under the same limits.
 class PlanRunner {
  public:
-  PlanRunner(RunFlags flags, const Limits& limits, const engine::StopSource& stop);
+  PlanRunner(RunFlags flags, ProgramContext& context);
   /// Memory that stays held beside the tasks from now on (a scene's surface): taken from the budget. Throws Error when
   /// nothing is left.
   void HoldResident(std::uint64_t bytes, const std::string& what);
   /// Without progress and trace: short preparations. Throws Cancelled, Error(kOutOfMemoryBudget).
   engine::ExecutionReport RunQuietly(engine::Plan& plan) const;
-  /// With progress, and the trace written at the end, also of a cancelled run. Throws Cancelled when the user stopped it,
-  /// Error(kOutOfMemoryBudget) when a task can never fit.
+  /// With progress, and the trace written at the end, also of a cancelled run. The first task that fails stops the run:
+  /// what fails here is the world (disk, memory), not an image. Throws Cancelled when the user stopped it, the failed
+  /// task's Error, Error(kOutOfMemoryBudget) when a task can never fit.
   engine::ExecutionReport Run(engine::Plan& plan) const;
   const Limits& limits() const { return limits_; }
+  /// What the process holds beside the tasks.
+  std::uint64_t overhead_bytes() const { return limits_.memory_bytes - limits_.budget_bytes; }
 
  private:
   engine::ExecutionReport Execute(engine::Plan& plan, std::vector<engine::Observer*> observers) const;
   RunFlags flags_;
   Limits limits_;
-  const engine::StopSource& stop_;
+  ProgramContext& context_;
   std::unique_ptr<engine::Executor> executor_;
 };
 

@@ -11,14 +11,15 @@ StoredRun OpenRun(const std::filesystem::path& dir) {
   scheduling::Workspace workspace = scheduling::Workspace::Open(dir);
   std::optional<scheduling::RunRecord> record = workspace.ReadRecord();
   if (!record) throw Error(ErrorCode::kNotFound, dir.string(), "holds no run", "run rilievo orient first");
-  scheduling::OrientKeys keys = scheduling::ComputeKeys(record->block, record->options);
+  scheduling::OrientKeys keys = scheduling::ComputeKeys(record->block, record->options, record->processor_level);
   return {std::move(workspace), std::move(*record), std::move(keys)};
 }
 
 OrientationResult RequireOrientation(const StoredRun& run) {
   auto result = scheduling::LoadOrientation(run.workspace.store(), run.keys);
   if (!result)
-    throw Error(ErrorCode::kNotFound, run.workspace.dir().string(), "has no finished orientation for this version of the program",
+    throw Error(ErrorCode::kNotFound, run.workspace.dir().string(),
+                "has no finished orientation for this version of the program",
                 "run the same rilievo orient command again; finished work is reused");
   return std::move(*result);
 }

@@ -5,7 +5,7 @@ namespace rilievo {
 [[noreturn]] void CheckFailed(const char* condition, const char* file, int line);
 }  // namespace rilievo
 
-#define RILIEVO_CHECK(condition) \
-  do {                           \
+#define RILIEVO_CHECK(condition)                                              \
+  do {                                                                        \
     if (!(condition)) ::rilievo::CheckFailed(#condition, __FILE__, __LINE__); \
   } while (false)

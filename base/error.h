@@ -6,7 +6,18 @@
 
 namespace rilievo {
 
-enum class ErrorCode { kNotFound, kUnreadable, kInvalidInput, kUnsupported, kIo, kDiskFull, kOutOfMemoryBudget, kVersion, kUsage, kInternal };
+enum class ErrorCode {
+  kNotFound,
+  kUnreadable,
+  kInvalidInput,
+  kUnsupported,
+  kIo,
+  kDiskFull,
+  kOutOfMemoryBudget,
+  kVersion,
+  kUsage,
+  kInternal
+};
 
 /// `path` is where (may be empty), `message` what, `hint` what to do. what() is the one line "path: message (hint)".
 class Error : public std::exception {

@@ -79,7 +79,8 @@ Sha256Digest HashFile(const std::filesystem::path& path) {
   for (std::size_t n; (n = std::fread(buffer.data(), 1, buffer.size(), file.get())) > 0;)
     RILIEVO_CHECK(EVP_DigestUpdate(context, buffer.data(), n) == 1);
   if (std::ferror(file.get()))
-    throw Error(ErrorCode::kUnreadable, path.string(), "cannot be read: " + std::string(std::strerror(errno)), "check the disk");
+    throw Error(ErrorCode::kUnreadable, path.string(), "cannot be read: " + std::string(std::strerror(errno)),
+                "check the disk");
   Sha256Digest digest;
   unsigned size = 0;
   RILIEVO_CHECK(EVP_DigestFinal_ex(context, digest.bytes.data(), &size) == 1);

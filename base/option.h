@@ -1,4 +1,5 @@
-// Declares a stage's options once: validation, artifact keys, command line, TOML and documentation read the declaration.
+// Declares a stage's options once: validation, artifact keys, command line, TOML and documentation read the
+// declaration.
 #pragma once
 
 #include <charconv>
@@ -53,8 +54,8 @@ std::string OptionValueText(const S& options, const OptionDeclaration<S>& declar
       declaration.member);
 }
 
-/// Sets one option from its text; throws Error(kUsage) when the text is not a value of its type. The range is checked by
-/// ValidateOptions.
+/// Sets one option from its text; throws Error(kUsage) when the text is not a value of its type. The range is checked
+/// by ValidateOptions.
 template <class S>
 void SetOptionValue(S& options, const OptionDeclaration<S>& declaration, const std::string& text) {
   const auto bad = [&](const char* type) {
@@ -102,7 +103,8 @@ void ValidateOptions(const S& options, std::span<const OptionDeclaration<S>> dec
               if (choice == options.*member) return;
               list += (list.empty() ? "" : ", ") + std::string(choice);
             }
-            throw Error(ErrorCode::kUsage, where, "'" + options.*member + "' is not a value it takes", "use one of " + list);
+            throw Error(ErrorCode::kUsage, where, "'" + options.*member + "' is not a value it takes",
+                        "use one of " + list);
           } else if constexpr (!std::is_same_v<T, bool>) {
             const double value = static_cast<double>(options.*member);
             if (value >= d.min && value <= d.max) return;

@@ -18,7 +18,8 @@ class RunContext {
   virtual std::uint64_t Seed() const = 0;
   /// Calls fn(begin, end) over disjoint ranges covering [0, n), each of at most `grain` items, possibly in parallel.
   /// Range borders are multiples of `grain`: they never depend on the number of threads.
-  virtual void ParallelFor(std::size_t n, std::size_t grain, const std::function<void(std::size_t, std::size_t)>& fn) = 0;
+  virtual void ParallelFor(std::size_t n, std::size_t grain,
+                           const std::function<void(std::size_t, std::size_t)>& fn) = 0;
   /// Fraction done of this task, 0..1.
   virtual void ReportProgress(double fraction) = 0;
 

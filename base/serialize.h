@@ -20,17 +20,15 @@ static_assert(std::endian::native == std::endian::little, "artifacts are little 
 class ByteWriter {
  public:
   template <class T>
-    requires std::is_trivially_copyable_v<T>
-  void Put(const T& value) {
-    PutRaw(&value, sizeof value);
-  }
+  requires std::is_trivially_copyable_v<T>
+  void Put(const T& value) { PutRaw(&value, sizeof value); }
   void PutString(std::string_view text) {
     Put<std::uint64_t>(text.size());
     PutRaw(text.data(), text.size());
   }
   /// Length prefix, then the elements' bytes.
   template <class T>
-    requires std::is_trivially_copyable_v<T>
+  requires std::is_trivially_copyable_v<T>
   void PutVector(std::span<const T> values) {
     Put<std::uint64_t>(values.size());
     PutRaw(values.data(), values.size_bytes());
@@ -54,8 +52,7 @@ class ByteReader {
  public:
   explicit ByteReader(std::span<const std::byte> bytes) : rest_(bytes) {}
   template <class T>
-    requires std::is_trivially_copyable_v<T>
-  T Get() {
+  requires std::is_trivially_copyable_v<T> T Get() {
     T value;
     GetRaw(&value, sizeof value);
     return value;
@@ -67,8 +64,7 @@ class ByteReader {
     return text;
   }
   template <class T>
-    requires std::is_trivially_copyable_v<T>
-  std::vector<T> GetVector() {
+  requires std::is_trivially_copyable_v<T> std::vector<T> GetVector() {
     const auto size = Size(sizeof(T));
     std::vector<T> values(size);
     if (size > 0) GetRaw(values.data(), size * sizeof(T));

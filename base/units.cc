@@ -14,7 +14,8 @@ namespace rilievo {
 
 std::uint64_t ParseBytes(std::string_view text) {
   const auto bad = [&] {
-    return Error(ErrorCode::kUsage, "", "'" + std::string(text) + "' is not a memory size", "write for example 4GiB, 800MiB or 2GB");
+    return Error(ErrorCode::kUsage, "", "'" + std::string(text) + "' is not a memory size",
+                 "write for example 4GiB, 800MiB or 2GB");
   };
   double number = 0;
   const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), number);
@@ -23,8 +24,17 @@ std::uint64_t ParseBytes(std::string_view text) {
   for (const char* c = end; c != text.data() + text.size(); ++c)
     if (*c != ' ') unit += static_cast<char>(std::tolower(static_cast<unsigned char>(*c)));
   static constexpr std::array<std::pair<std::string_view, double>, 12> kUnits{{{"", 1},
-      {"b", 1}, {"kib", 1024.0}, {"mib", 1048576.0}, {"gib", 1073741824.0}, {"tib", 1099511627776.0}, {"kb", 1e3},
-      {"mb", 1e6}, {"gb", 1e9}, {"tb", 1e12}, {"g", 1073741824.0}, {"m", 1048576.0}}};
+                                                                               {"b", 1},
+                                                                               {"kib", 1024.0},
+                                                                               {"mib", 1048576.0},
+                                                                               {"gib", 1073741824.0},
+                                                                               {"tib", 1099511627776.0},
+                                                                               {"kb", 1e3},
+                                                                               {"mb", 1e6},
+                                                                               {"gb", 1e9},
+                                                                               {"tb", 1e12},
+                                                                               {"g", 1073741824.0},
+                                                                               {"m", 1048576.0}}};
   for (const auto& [name, factor] : kUnits) {
     if (unit != name) continue;
     const double bytes = number * factor;

@@ -30,8 +30,8 @@ struct Point {
 struct Model {
   std::map<ImageId, Rigid3> cam_from_world;
   std::vector<Point> points;
-  double sigma0_px = 0;      ///< sqrt(v'v / redundancy) of the last least-squares adjustment
-  long redundancy = 0;       ///< observations - unknowns + datum defect
+  double sigma0_px = 0;  ///< sqrt(v'v / redundancy) of the last least-squares adjustment
+  long redundancy = 0;   ///< observations - unknowns + datum defect
 };
 
 /// Why an image is in no model, for the report.

@@ -5,10 +5,14 @@ namespace rilievo {
 
 std::string ToText(RejectionReason reason) {
   switch (reason) {
-    case RejectionReason::kNone: return "verified";
-    case RejectionReason::kTooFewMatches: return "too few matches";
-    case RejectionReason::kTooFewInliers: return "too few matches agree with one geometry";
-    case RejectionReason::kNoModel: return "no geometry found";
+    case RejectionReason::kNone:
+      return "verified";
+    case RejectionReason::kTooFewMatches:
+      return "too few matches";
+    case RejectionReason::kTooFewInliers:
+      return "too few matches agree with one geometry";
+    case RejectionReason::kNoModel:
+      return "no geometry found";
   }
   return "";
 }

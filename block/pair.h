@@ -39,7 +39,8 @@ struct TwoViewGeometry {
   TwoViewModel model = TwoViewModel::kRejected;
   RejectionReason reason = RejectionReason::kNone;
   Rigid3 second_from_first;
-  Eigen::Matrix3d matrix = Eigen::Matrix3d::Zero();  ///< E (normalised coordinates) where a pose with translation is given, else F or H (pixels)
+  Eigen::Matrix3d matrix = Eigen::Matrix3d::Zero();  ///< E (normalised coordinates) where a pose with translation is
+                                                     ///< given, else F or H (pixels)
   std::vector<Match> inliers;                        ///< sorted by first
   std::uint32_t matches = 0;                         ///< matches before verification
   double median_angle_rad = 0;                       ///< median intersection angle of the inliers

@@ -216,6 +216,13 @@ std::size_t ArtifactStore::RemoveStaleTemporaries() const {
   return removed;
 }
 
+std::size_t RemoveStaleTemporariesIn(const fs::path& folder) {
+  std::size_t removed = 0;
+  ForEachFile(folder, 0,
+              [&](const fs::path& path) { removed += IsStaleTemporary(path) && ::unlink(path.c_str()) == 0; });
+  return removed;
+}
+
 void WriteFileDurably(const fs::path& path, std::span<const std::byte> content) { WritePartsDurably(path, {content}); }
 
 }  // namespace rilievo::engine

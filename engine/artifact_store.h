@@ -53,6 +53,9 @@ class ArtifactStore {
   std::filesystem::path root_;
 };
 
+/// The same removal in one folder, not below it. Returns how many.
+std::size_t RemoveStaleTemporariesIn(const std::filesystem::path& folder);
+
 /// The same durable write for a plain file (results, exports, JSON): temporary name beside it, fsync, rename, fsync
 /// folder.
 void WriteFileDurably(const std::filesystem::path& path, std::span<const std::byte> content);

@@ -10,9 +10,13 @@
 namespace rilievo {
 namespace {
 
-constexpr std::array<std::pair<CameraModelKind, std::string_view>, 6> kNames{{{CameraModelKind::kSimplePinhole, "SIMPLE_PINHOLE"},
-    {CameraModelKind::kPinhole, "PINHOLE"}, {CameraModelKind::kSimpleRadial, "SIMPLE_RADIAL"}, {CameraModelKind::kRadial, "RADIAL"},
-    {CameraModelKind::kOpenCv, "OPENCV"}, {CameraModelKind::kFullOpenCv, "FULL_OPENCV"}}};
+constexpr std::array<std::pair<CameraModelKind, std::string_view>, 6> kNames{
+    {{CameraModelKind::kSimplePinhole, "SIMPLE_PINHOLE"},
+     {CameraModelKind::kPinhole, "PINHOLE"},
+     {CameraModelKind::kSimpleRadial, "SIMPLE_RADIAL"},
+     {CameraModelKind::kRadial, "RADIAL"},
+     {CameraModelKind::kOpenCv, "OPENCV"},
+     {CameraModelKind::kFullOpenCv, "FULL_OPENCV"}}};
 
 }  // namespace
 

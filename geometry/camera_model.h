@@ -1,4 +1,5 @@
-// Pinhole cameras with rational-radial and tangential distortion, OpenCV's forward form (COLMAP's PINHOLE to FULL_OPENCV).
+// Pinhole cameras with rational-radial and tangential distortion, OpenCV's forward form (COLMAP's PINHOLE to
+// FULL_OPENCV).
 #pragma once
 
 #include <Eigen/Core>
@@ -13,13 +14,16 @@ enum class CameraModelKind { kSimplePinhole, kPinhole, kSimpleRadial, kRadial, k
 /// Pixel frame: x right, y down, the upper-left pixel's CENTRE is (0.5, 0.5). With x = X/Z, y = Y/Z, r2 = x^2 + y^2:
 ///   d = (1 + k1 r2 + k2 r2^2 + k3 r2^3) / (1 + k4 r2 + k5 r2^2 + k6 r2^3)
 ///   x' = x d + 2 p1 x y + p2 (r2 + 2 x^2),  y' = y d + p1 (r2 + 2 y^2) + 2 p2 x y
-///   u = fx x' + cx,  v = fy y' + cy.        Parameters a kind does not have are zero; fx = fy for the SIMPLE_/RADIAL kinds.
+///   u = fx x' + cx,  v = fy y' + cy.        Parameters a kind does not have are zero; fx = fy for the SIMPLE_/RADIAL
+///   kinds.
 struct CameraModel {
   CameraModelKind kind = CameraModelKind::kPinhole;
   double fx = 0, fy = 0, cx = 0, cy = 0;
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0, k4 = 0, k5 = 0, k6 = 0;
 
-  bool HasDistortion() const { return k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0 || k3 != 0 || k4 != 0 || k5 != 0 || k6 != 0; }
+  bool HasDistortion() const {
+    return k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0 || k3 != 0 || k4 != 0 || k5 != 0 || k6 != 0;
+  }
   double MeanFocal() const { return 0.5 * (fx + fy); }
   struct Distorted {
     Eigen::Vector2d value;

@@ -14,7 +14,8 @@ Rigid3 TransformPose(const Similarity3& b_from_a, const Rigid3& cam_from_a) {
   return {rotation, -(rotation * center_b)};
 }
 
-std::optional<Similarity3> FitSimilarity(std::span<const Eigen::Vector3d> x_in_a, std::span<const Eigen::Vector3d> x_in_b) {
+std::optional<Similarity3> FitSimilarity(std::span<const Eigen::Vector3d> x_in_a,
+                                         std::span<const Eigen::Vector3d> x_in_b) {
   RILIEVO_CHECK(x_in_a.size() == x_in_b.size());
   const auto n = static_cast<double>(x_in_a.size());
   if (x_in_a.size() < 3) return std::nullopt;

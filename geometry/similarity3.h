@@ -28,6 +28,7 @@ Rigid3 TransformPose(const Similarity3& b_from_a, const Rigid3& cam_from_a);
 
 /// Least-squares similarity with x_b[i] ~ b_from_a * x_a[i] (Umeyama 1991). Needs >= 3 points that are not collinear
 /// for a unique rotation; none when fewer than 3 points or all points coincide. O(n).
-std::optional<Similarity3> FitSimilarity(std::span<const Eigen::Vector3d> x_in_a, std::span<const Eigen::Vector3d> x_in_b);
+std::optional<Similarity3> FitSimilarity(std::span<const Eigen::Vector3d> x_in_a,
+                                         std::span<const Eigen::Vector3d> x_in_b);
 
 }  // namespace rilievo

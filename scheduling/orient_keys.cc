@@ -1,7 +1,6 @@
 // Derives the keys: SHA-256 over stage name, versions, options and the keys of the inputs.
 #include "scheduling/orient_keys.h"
 
-#include "base/cpu.h"
 #include "base/hash.h"
 #include "stages/adjustment/adjustment.h"
 #include "stages/tracks/tracks.h"
@@ -16,9 +15,9 @@ void AddCamera(KeyHasher& hasher, const Camera& camera) {
   hasher.Add(std::uint64_t(camera.width_px)).Add(std::uint64_t(camera.height_px)).Add(std::uint64_t(camera.source));
 }
 
-engine::ArtifactKey FeatureKey(const Image& image, const OrientOptions& options) {
+engine::ArtifactKey FeatureKey(const Image& image, const OrientOptions& options, std::string_view processor_level) {
   KeyHasher hasher;
-  hasher.Add("features").Add(std::uint64_t{features::kVersion});
+  hasher.Add("features").Add(std::uint64_t{features::kVersion}).Add(processor_level);
   hasher.Add(OptionKeyText(options.features, features::OptionDeclarations())).Add(image.content);
   return {"features", hasher.Finish()};
 }
@@ -41,15 +40,17 @@ engine::ArtifactKey TileKey(const PairTile& tile, const Block& block, const Orie
 
 }  // namespace
 
-OrientKeys ComputeKeys(const Block& block, const OrientOptions& options) {
+OrientKeys ComputeKeys(const Block& block, const OrientOptions& options, std::string_view processor_level) {
   OrientKeys keys;
-  for (const Image& image : block.images) keys.features.push_back(FeatureKey(image, options));
+  for (const Image& image : block.images) keys.features.push_back(FeatureKey(image, options, processor_level));
   keys.tiles = TilePairs(SelectPairs(block.images.size(), options.network), TileEdge(block.images.size()));
   for (const PairTile& tile : keys.tiles) keys.pairs.push_back(TileKey(tile, block, options, keys.features));
 
   KeyHasher hasher;
   hasher.Add("orientation").Add(std::uint64_t{tracks::kVersion}).Add(std::uint64_t{mapping::kVersion});
-  hasher.Add(std::uint64_t{adjustment::kVersion}).Add(ProcessorLevel()).Add(OptionKeyText(options.mapping, mapping::OptionDeclarations()));
+  hasher.Add(std::uint64_t{adjustment::kVersion})
+      .Add(processor_level)
+      .Add(OptionKeyText(options.mapping, mapping::OptionDeclarations()));
   for (const Image& image : block.images) {
     hasher.Add(keys.features[image.id.value].digest);
     AddCamera(hasher, block.camera_of(image.id));

@@ -1,6 +1,7 @@
 // Content keys of every artifact of an orientation run: known before anything runs, from inputs and options alone.
 #pragma once
 
+#include <string_view>
 #include <vector>
 
 #include "block/block.h"
@@ -13,12 +14,12 @@ namespace rilievo::scheduling {
 struct OrientKeys {
   std::vector<engine::ArtifactKey> features;  ///< by image
   std::vector<PairTile> tiles;
-  std::vector<engine::ArtifactKey> pairs;     ///< by tile
+  std::vector<engine::ArtifactKey> pairs;  ///< by tile
   engine::ArtifactKey orientation;
 };
 
-/// Keys depend on the content of the images, the cameras, the options and the stage versions; not on names, folders,
-/// memory, threads or time.
-OrientKeys ComputeKeys(const Block& block, const OrientOptions& options);
+/// Keys depend on the content of the images, the cameras, the options, the stage versions and the processor level
+/// (whose kernels OpenCV and libm choose); not on names, folders, memory, threads or time.
+OrientKeys ComputeKeys(const Block& block, const OrientOptions& options, std::string_view processor_level);
 
 }  // namespace rilievo::scheduling

@@ -6,10 +6,11 @@
 #include <span>
 #include <utility>
 
+#include "base/cpu.h"
 #include "base/rng.h"
 #include "base/serialize.h"
-#include "base/units.h"
 #include "block/io/serialize_block.h"
+#include "scheduling/orient_costs.h"
 #include "stages/tracks/tracks.h"
 
 namespace rilievo::scheduling {
@@ -25,7 +26,8 @@ std::optional<std::vector<std::byte>> ReadCounted(const OrientRun& run, const Ar
   return payload;
 }
 
-void PublishCounted(const OrientRun& run, const ArtifactKey& key, std::span<const std::byte> payload, TaskContext& context) {
+void PublishCounted(const OrientRun& run, const ArtifactKey& key, std::span<const std::byte> payload,
+                    TaskContext& context) {
   run.store.Publish(key, payload);
   context.CountBytes(0, payload.size());
 }
@@ -88,8 +90,8 @@ ImageFeatures LoadFeatures(const OrientRun& run, ImageId id, TaskContext& contex
   const ArtifactKey& key = run.keys.features[id.value];
   auto payload = ReadCounted(run, key, context);
   if (!payload)
-    throw Error(ErrorCode::kUnreadable, run.store.PathOf(key).string(), "features were damaged or removed during the run",
-                "run the same command again");
+    throw Error(ErrorCode::kUnreadable, run.store.PathOf(key).string(),
+                "features were damaged or removed during the run", "run the same command again");
   return DeserializeFeatureArtifact(*payload).features;
 }
 
@@ -117,23 +119,35 @@ class PairContext : public RunContext {
 };
 
 PairSummary Summarise(const TwoViewGeometry& g) {
-  return {g.pair, g.model, g.reason, g.matches, static_cast<std::uint32_t>(g.inliers.size()), g.median_angle_rad, g.homography_ratio};
+  return {g.pair,
+          g.model,
+          g.reason,
+          g.matches,
+          static_cast<std::uint32_t>(g.inliers.size()),
+          g.median_angle_rad,
+          g.homography_ratio};
 }
 
 /// Pairs inside an artifact are numbered within their tile: the artifact does not know the block's numbering.
 std::vector<TwoViewGeometry> LoadTile(const PairTile& tile, std::span<const std::byte> payload) {
   std::vector<TwoViewGeometry> pairs = io::DeserializePairs(payload);
-  if (pairs.size() != tile.pairs.size()) throw Error(ErrorCode::kInvalidInput, "", "a pair artifact does not fit its tile");
+  if (pairs.size() != tile.pairs.size())
+    throw Error(ErrorCode::kInvalidInput, "", "a pair artifact does not fit its tile");
   for (std::size_t i = 0; i < pairs.size(); ++i) pairs[i].pair = tile.pairs[i];
   return pairs;
 }
 
-TwoViewGeometry MatchAndVerify(const OrientRun& run, const ImagePair& pair, const ImageFeatures& first, const ImageFeatures& second,
-                               TaskContext& context) {
+TwoViewGeometry MatchAndVerify(const OrientRun& run, const ImagePair& pair, const ImageFeatures& first,
+                               const ImageFeatures& second, TaskContext& context) {
   const auto matches = matching::Run(first.descriptors, second.descriptors, run.options.matching, context);
-  PairContext pair_context(context, run.keys.features[pair.first.value].digest, run.keys.features[pair.second.value].digest);
-  const verification::Input input{{ImageId(0), ImageId(1)},   run.block.camera_of(pair.first), run.block.camera_of(pair.second),
-                                  first.keypoints,            second.keypoints,                matches};
+  PairContext pair_context(context, run.keys.features[pair.first.value].digest,
+                           run.keys.features[pair.second.value].digest);
+  const verification::Input input{{ImageId(0), ImageId(1)},
+                                  run.block.camera_of(pair.first),
+                                  run.block.camera_of(pair.second),
+                                  first.keypoints,
+                                  second.keypoints,
+                                  matches};
   TwoViewGeometry geometry = verification::Run(input, run.options.verification, pair_context);
   geometry.matches = static_cast<std::uint32_t>(matches.size());
   return geometry;
@@ -151,7 +165,8 @@ void RunPairTask(OrientRun& run, std::size_t tile_index, TaskContext& context) {
   std::vector<ImageFeatures> loaded;
   for (const ImageId id : tile.images) loaded.push_back(LoadFeatures(run, id, context));
   const auto features_of = [&](ImageId id) -> const ImageFeatures& {
-    return loaded[static_cast<std::size_t>(std::lower_bound(tile.images.begin(), tile.images.end(), id) - tile.images.begin())];
+    return loaded[static_cast<std::size_t>(std::lower_bound(tile.images.begin(), tile.images.end(), id) -
+                                           tile.images.begin())];
   };
   std::vector<TwoViewGeometry> pairs;
   for (const ImagePair& pair : tile.pairs) {
@@ -164,16 +179,6 @@ void RunPairTask(OrientRun& run, std::size_t tile_index, TaskContext& context) {
     pairs[i].pair = tile.pairs[i];
     summaries.push_back(Summarise(pairs[i]));
   }
-}
-
-TaskCost PairTaskCost(const PairTile& tile, const OrientOptions& options) {
-  const auto cap = static_cast<std::size_t>(options.features.max_features);
-  const TaskCost match = matching::Estimate(cap, cap, options.matching), verify = verification::Estimate(cap);
-  // Features twice (payload and parsed) for one image at a time, once for the others; matches of all pairs until published, twice.
-  const std::uint64_t feature_bytes = cap * (sizeof(Keypoint) + sizeof(SiftDescriptor) + sizeof(Rgb)) + 1024;
-  const std::uint64_t result_bytes = tile.pairs.size() * (cap * sizeof(Match) + sizeof(TwoViewGeometry)) * 2;
-  return {feature_bytes * (tile.images.size() + 2) + match.peak_bytes + verify.peak_bytes + result_bytes,
-          static_cast<double>(tile.pairs.size()) * (match.work + verify.work)};
 }
 
 // ---- orientation ----------------------------------------------------------------------------------------------------
@@ -243,8 +248,8 @@ OrientationInputs LoadOrientationInputs(const OrientRun& run, TaskContext& conte
   for (std::size_t t = 0; t < run.keys.tiles.size(); ++t) {
     const auto payload = ReadCounted(run, run.keys.pairs[t], context);
     if (!payload)
-      throw Error(ErrorCode::kUnreadable, run.store.PathOf(run.keys.pairs[t]).string(), "matches were damaged or removed during the run",
-                  "run the same command again");
+      throw Error(ErrorCode::kUnreadable, run.store.PathOf(run.keys.pairs[t]).string(),
+                  "matches were damaged or removed during the run", "run the same command again");
     for (auto& geometry : LoadTile(run.keys.tiles[t], *payload)) inputs.pairs.push_back(std::move(geometry));
   }
   std::sort(inputs.pairs.begin(), inputs.pairs.end(), [](const auto& a, const auto& b) { return a.pair < b.pair; });
@@ -262,18 +267,11 @@ void RunOrientationTask(OrientRun& run, TaskContext& context) {
   mapping::Output output =
       mapping::Run({run.block, inputs.keypoints, inputs.colors, inputs.pairs, tracks}, run.options.mapping, context);
   OrientationResult result{std::move(output.models), std::move(output.unoriented), run.images, {}};
-  std::erase_if(result.unoriented, [&](const UnorientedImage& u) { return !run.images[u.image.value].quarantine.empty(); });
+  std::erase_if(result.unoriented,
+                [&](const UnorientedImage& u) { return !run.images[u.image.value].quarantine.empty(); });
   for (const auto& tile : run.pairs) result.pairs.insert(result.pairs.end(), tile.begin(), tile.end());
   std::sort(result.pairs.begin(), result.pairs.end(), [](const auto& a, const auto& b) { return a.pair < b.pair; });
   PublishCounted(run, run.keys.orientation, Serialize(result), context);
-}
-
-TaskCost OrientationCost(const OrientRun& run, std::uint64_t features, std::uint64_t inliers) {
-  const TaskCost mapping = mapping::Estimate(run.block.images.size(), features, inliers);
-  const TaskCost tracks = tracks::Estimate(inliers);
-  const std::uint64_t inputs = features * (sizeof(Keypoint) + sizeof(Rgb)) + 2 * inliers * sizeof(Match) +
-                               static_cast<std::uint64_t>(run.options.features.max_features) * 2 * sizeof(SiftDescriptor);
-  return {inputs + std::max(tracks.peak_bytes, mapping.peak_bytes), tracks.work + mapping.work};
 }
 
 void GrowOrientation(const std::shared_ptr<OrientRun>& run, TaskId gathered, engine::Plan& plan) {
@@ -281,29 +279,41 @@ void GrowOrientation(const std::shared_ptr<OrientRun>& run, TaskId gathered, eng
   for (const auto& image : run->images) features += image.features;
   for (const auto& tile : run->pairs)
     for (const auto& pair : tile) inliers += pair.inliers;
-  const TaskCost cost = OrientationCost(*run, features, inliers);
+  const TaskCost cost = OrientationTaskCost(*run, features, inliers);
   plan.Add({.name = "orientation",
             .stage = "orientation",
             .needs = {gathered},
             .cost = cost,
-            .memory_hint = "raise --memory, or lower --max-features",
+            .memory_hint = MemoryHint(*run, cost.peak_bytes, "lower --max-features"),
             .run = [run](TaskContext& context) { RunOrientationTask(*run, context); }});
 }
 
-std::uint64_t FeatureArtifactBytes(const Image& image, const OrientOptions& options) {
-  const double pixels = static_cast<double>(image.width_px) * image.height_px;
-  const double features = std::min<double>(options.features.max_features, pixels / 200);  // a rich texture: 5000 a megapixel
-  return static_cast<std::uint64_t>(features * (sizeof(Keypoint) + sizeof(SiftDescriptor) + sizeof(Rgb))) + 200;
-}
-
-std::uint64_t PairArtifactBytes(const PairTile& tile, const OrientOptions& options) {
-  return tile.pairs.size() * (static_cast<std::uint64_t>(options.features.max_features) * sizeof(Match) / 8 + 300);
+TaskId AddPairTask(const std::shared_ptr<OrientRun>& run, std::size_t tile_index,
+                   const std::vector<TaskId>& feature_tasks, engine::Plan& plan) {
+  const PairTile& tile = run->keys.tiles[tile_index];
+  std::vector<TaskId> needs;
+  for (const ImageId id : tile.images) needs.push_back(feature_tasks[id.value]);
+  const TaskCost cost = PairTaskCost(*run, tile);
+  return plan.Add({.name = "pairs " + std::to_string(tile_index),
+                   .stage = "pairs",
+                   .needs = std::move(needs),
+                   .cost = cost,
+                   .memory_hint = MemoryHint(*run, cost.peak_bytes, "lower --max-features"),
+                   .run = [run, tile_index](TaskContext& context) { RunPairTask(*run, tile_index, context); }});
 }
 
 }  // namespace
 
-OrientRun::OrientRun(const Block& b, const PixelSource& p, const engine::ArtifactStore& s, OrientOptions o)
-    : block(b), pixels(p), store(s), options(std::move(o)), keys(ComputeKeys(b, options)), images(b.images.size()), pairs(keys.tiles.size()) {}
+OrientRun::OrientRun(const Block& b, const PixelSource& p, const engine::ArtifactStore& s, OrientOptions o,
+                     std::uint64_t overhead)
+    : block(b),
+      pixels(p),
+      store(s),
+      options(std::move(o)),
+      keys(ComputeKeys(b, options, ProcessorLevel())),
+      images(b.images.size()),
+      pairs(keys.tiles.size()),
+      overhead_bytes(overhead) {}
 
 std::optional<OrientationResult> LoadOrientation(const engine::ArtifactStore& store, const OrientKeys& keys) {
   const auto payload = store.Read(keys.orientation);
@@ -311,42 +321,23 @@ std::optional<OrientationResult> LoadOrientation(const engine::ArtifactStore& st
   return DeserializeOrientation(*payload);
 }
 
-namespace {
-
-TaskCost FeatureTaskCost(const OrientRun& run, const Image& image) {
-  TaskCost cost = features::Estimate(image.width_px, image.height_px, run.options.features);
-  const std::uint64_t load = run.pixels.LoadPeakBytes(image.width_px, image.height_px, image.channels, image.bits_per_sample);
-  cost.peak_bytes = std::max(cost.peak_bytes, load) + 2 * FeatureArtifactBytes(image, run.options);
-  return cost;
-}
-
-}  // namespace
-
 engine::Plan MakeOrientPlan(std::shared_ptr<OrientRun> run) {
   engine::Plan plan;
-  std::vector<TaskId> feature_tasks, pair_tasks;
+  std::vector<TaskId> feature_tasks, all;
   std::size_t next_tile = 0;
   for (const Image& image : run->block.images) {
-    feature_tasks.push_back(plan.Add({.name = "features " + image.name,
-                                      .stage = "features",
-                                      .needs = {},
-                                      .cost = FeatureTaskCost(*run, image),
-                                      .memory_hint = "raise --memory, or use smaller images",
-                                      .run = [run, id = image.id](TaskContext& context) { RunFeatureTask(*run, id, context); }}));
-    for (; next_tile < run->keys.tiles.size() && run->keys.tiles[next_tile].images.back() == image.id; ++next_tile) {
-      const PairTile& tile = run->keys.tiles[next_tile];
-      std::vector<TaskId> needs;
-      for (const ImageId id : tile.images) needs.push_back(feature_tasks[id.value]);
-      pair_tasks.push_back(plan.Add({.name = "pairs " + std::to_string(next_tile),
-                                     .stage = "pairs",
-                                     .needs = std::move(needs),
-                                     .cost = PairTaskCost(tile, run->options),
-                                     .memory_hint = "raise --memory, or lower --max-features",
-                                     .run = [run, t = next_tile](TaskContext& context) { RunPairTask(*run, t, context); }}));
-    }
+    const TaskCost cost = FeatureTaskCost(*run, image);
+    feature_tasks.push_back(
+        plan.Add({.name = "features " + image.name,
+                  .stage = "features",
+                  .needs = {},
+                  .cost = cost,
+                  .memory_hint = MemoryHint(*run, cost.peak_bytes, "smaller images"),
+                  .run = [run, id = image.id](TaskContext& context) { RunFeatureTask(*run, id, context); }}));
+    all.push_back(feature_tasks.back());
+    for (; next_tile < run->keys.tiles.size() && run->keys.tiles[next_tile].images.back() == image.id; ++next_tile)
+      all.push_back(AddPairTask(run, next_tile, feature_tasks, plan));
   }
-  std::vector<TaskId> all = feature_tasks;
-  all.insert(all.end(), pair_tasks.begin(), pair_tasks.end());
   const TaskId gathered(static_cast<std::uint32_t>(plan.size()));
   plan.Add({.name = "gather",
             .stage = "gather",
@@ -357,52 +348,6 @@ engine::Plan MakeOrientPlan(std::shared_ptr<OrientRun> run) {
               context.Grow([run, gathered](engine::Plan& grown) { GrowOrientation(run, gathered, grown); });
             }});
   return plan;
-}
-
-PlanSummary Summarize(const OrientRun& run, std::uint64_t memory_bytes, int threads) {
-  PlanSummary s;
-  s.images = s.feature_tasks = run.block.images.size();
-  s.pair_tasks = run.keys.tiles.size();
-  s.orientation_done = run.store.Exists(run.keys.orientation);
-  double feature_s = 0, pair_s = 0;
-  int feature_lanes = threads;
-  const auto consider_peak = [&](std::uint64_t bytes, const std::string& name) {
-    if (bytes > s.peak_bytes) s.peak_bytes = bytes, s.peak_task = name;
-  };
-  for (const Image& image : run.block.images) {
-    const TaskCost cost = FeatureTaskCost(run, image);
-    consider_peak(cost.peak_bytes, "features " + image.name);
-    if (run.store.Exists(run.keys.features[image.id.value])) {
-      ++s.feature_tasks_done;
-      continue;
-    }
-    s.disk_bytes += FeatureArtifactBytes(image, run.options);
-    feature_s += cost.work;
-    if (memory_bytes > 0 && cost.peak_bytes > 0)
-      feature_lanes = std::min<int>(feature_lanes, static_cast<int>(std::max<std::uint64_t>(1, memory_bytes / cost.peak_bytes)));
-  }
-  for (std::size_t t = 0; t < run.keys.tiles.size(); ++t) {
-    const TaskCost cost = PairTaskCost(run.keys.tiles[t], run.options);
-    s.pairs += run.keys.tiles[t].pairs.size();
-    consider_peak(cost.peak_bytes, "pairs " + std::to_string(t));
-    if (run.store.Exists(run.keys.pairs[t])) {
-      ++s.pair_tasks_done;
-      continue;
-    }
-    s.disk_bytes += PairArtifactBytes(run.keys.tiles[t], run.options);
-    pair_s += cost.work;
-  }
-  const std::uint64_t features = run.block.images.size() * static_cast<std::uint64_t>(run.options.features.max_features) / 2;
-  const TaskCost orientation = OrientationCost(run, features, s.pairs * static_cast<std::uint64_t>(run.options.features.max_features) / 16);
-  consider_peak(orientation.peak_bytes, "orientation (estimated)");
-  double orientation_s = 0;
-  if (!s.orientation_done) {
-    orientation_s = orientation.work;
-    s.disk_bytes += features * 60;
-  }
-  s.work_s = feature_s + pair_s + orientation_s;
-  s.time_s = std::max(feature_s / feature_lanes, (feature_s + pair_s) / threads) + orientation_s;
-  return s;
 }
 
 }  // namespace rilievo::scheduling

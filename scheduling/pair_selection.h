@@ -21,11 +21,12 @@ struct PairTile {
   std::vector<ImagePair> pairs;  ///< sorted
 };
 
-/// Images a side of a tile: a fixed rule on the number of images (small blocks: fine tiles balance two cores; large ones:
-/// fewer files and each descriptor block loaded less often). Never a function of memory or threads.
+/// Images a side of a tile: a fixed rule on the number of images (small blocks: fine tiles balance two cores; large
+/// ones: fewer files and each descriptor block loaded less often). Never a function of memory or threads.
 std::size_t TileEdge(std::size_t image_count);
 
-/// Cuts `pairs` (sorted) into tiles ordered by their last image, then by their first: a tile can start as early as possible.
+/// Cuts `pairs` (sorted) into tiles ordered by their last image, then by their first: a tile can start as early as
+/// possible.
 std::vector<PairTile> TilePairs(const std::vector<ImagePair>& pairs, std::size_t tile_edge);
 
 }  // namespace rilievo::scheduling

@@ -27,7 +27,8 @@ template <class S>
 S OptionsFromJson(const json& in, std::span<const OptionDeclaration<S>> declarations) {
   S options;
   for (const auto& d : declarations)
-    if (const auto it = in.find(std::string(d.name)); it != in.end()) SetOptionValue(options, d, it->template get<std::string>());
+    if (const auto it = in.find(std::string(d.name)); it != in.end())
+      SetOptionValue(options, d, it->template get<std::string>());
   return options;
 }
 
@@ -51,8 +52,13 @@ OrientOptions OptionsFromJson(const json& in) {
 
 json ToJson(const Camera& c) {
   const CameraModel& m = c.model;
-  return {{"model", CameraModelName(m.kind)}, {"width_px", c.width_px}, {"height_px", c.height_px}, {"label", c.label},
-          {"source", c.source == CalibrationSource::kGiven ? "given" : c.source == CalibrationSource::kExif ? "exif" : "guessed"},
+  return {{"model", CameraModelName(m.kind)},
+          {"width_px", c.width_px},
+          {"height_px", c.height_px},
+          {"label", c.label},
+          {"source", c.source == CalibrationSource::kGiven  ? "given"
+                     : c.source == CalibrationSource::kExif ? "exif"
+                                                            : "guessed"},
           {"parameters", {m.fx, m.fy, m.cx, m.cy, m.k1, m.k2, m.p1, m.p2, m.k3, m.k4, m.k5, m.k6}}};
 }
 
@@ -63,7 +69,9 @@ Camera CameraFromJson(const json& in, CameraId id) {
   c.height_px = in.at("height_px");
   c.label = in.at("label");
   const std::string source = in.at("source");
-  c.source = source == "given" ? CalibrationSource::kGiven : source == "exif" ? CalibrationSource::kExif : CalibrationSource::kGuessed;
+  c.source = source == "given"  ? CalibrationSource::kGiven
+             : source == "exif" ? CalibrationSource::kExif
+                                : CalibrationSource::kGuessed;
   const auto kind = CameraModelKindFromName(in.at("model").get<std::string>());
   if (!kind) throw Error(ErrorCode::kInvalidInput, "", "unknown camera model in the record");
   c.model.kind = *kind;
@@ -77,14 +85,23 @@ Camera CameraFromJson(const json& in, CameraId id) {
 Sha256Digest DigestFromHex(const std::string& hex) {
   Sha256Digest digest;
   if (hex.size() != 64) throw Error(ErrorCode::kInvalidInput, "", "a content digest in the record is damaged");
-  for (std::size_t i = 0; i < 32; ++i) digest.bytes[i] = static_cast<std::uint8_t>(std::stoul(hex.substr(2 * i, 2), nullptr, 16));
+  for (std::size_t i = 0; i < 32; ++i)
+    digest.bytes[i] = static_cast<std::uint8_t>(std::stoul(hex.substr(2 * i, 2), nullptr, 16));
   return digest;
 }
 
 json ToJson(const Image& i) {
-  json out = {{"name", i.name}, {"camera", i.camera_id.value}, {"width_px", i.width_px}, {"height_px", i.height_px},
-              {"channels", i.channels}, {"bits", i.bits_per_sample}, {"exif_orientation", i.exif.orientation},
-              {"focal_mm", i.exif.focal_mm}, {"make", i.exif.make}, {"model", i.exif.model}, {"date_time", i.exif.date_time},
+  json out = {{"name", i.name},
+              {"camera", i.camera_id.value},
+              {"width_px", i.width_px},
+              {"height_px", i.height_px},
+              {"channels", i.channels},
+              {"bits", i.bits_per_sample},
+              {"exif_orientation", i.exif.orientation},
+              {"focal_mm", i.exif.focal_mm},
+              {"make", i.exif.make},
+              {"model", i.exif.model},
+              {"date_time", i.exif.date_time},
               {"content", i.content.Hex()}};
   return out;
 }
@@ -110,10 +127,16 @@ Image ImageFromJson(const json& in, ImageId id) {
 json ToJson(const RunRecord& record, const fs::path& dir) {
   std::error_code failed;
   const fs::path relative = fs::relative(record.images, dir, failed);
-  json out = {{"format", "rilievo-workspace"}, {"version", kWorkspaceVersion}, {"from_scene", record.from_scene},
+  json out = {{"format", "rilievo-workspace"},
+              {"version", kWorkspaceVersion},
+              {"from_scene", record.from_scene},
+              {"processor_level", record.processor_level},
               {"images", (failed || relative.empty() ? record.images : relative).generic_string()},
-              {"options", ToJson(record.options)}, {"warnings", record.warnings},
-              {"cameras", json::array()}, {"image_list", json::array()}, {"quarantined", json::array()}};
+              {"options", ToJson(record.options)},
+              {"warnings", record.warnings},
+              {"cameras", json::array()},
+              {"image_list", json::array()},
+              {"quarantined", json::array()}};
   for (const Camera& camera : record.block.cameras) out["cameras"].push_back(ToJson(camera));
   for (const Image& image : record.block.images) out["image_list"].push_back(ToJson(image));
   for (const auto& q : record.block.quarantined) out["quarantined"].push_back({{"name", q.name}, {"reason", q.reason}});
@@ -125,12 +148,15 @@ RunRecord RecordFromJson(const json& in, const fs::path& dir) {
   const fs::path images = in.at("images").get<std::string>();
   record.images = images.is_absolute() ? images : (dir / images).lexically_normal();
   record.from_scene = in.at("from_scene");
+  record.processor_level = in.at("processor_level");
   record.options = OptionsFromJson(in.at("options"));
   record.warnings = in.at("warnings").get<std::vector<std::string>>();
   for (const auto& camera : in.at("cameras"))
-    record.block.cameras.push_back(CameraFromJson(camera, CameraId(static_cast<std::uint32_t>(record.block.cameras.size()))));
+    record.block.cameras.push_back(
+        CameraFromJson(camera, CameraId(static_cast<std::uint32_t>(record.block.cameras.size()))));
   for (const auto& image : in.at("image_list"))
-    record.block.images.push_back(ImageFromJson(image, ImageId(static_cast<std::uint32_t>(record.block.images.size()))));
+    record.block.images.push_back(
+        ImageFromJson(image, ImageId(static_cast<std::uint32_t>(record.block.images.size()))));
   for (const auto& image : record.block.images)
     if (image.camera_id.value >= record.block.cameras.size())
       throw Error(ErrorCode::kInvalidInput, "", "an image in the record names a camera that is not there");
@@ -146,59 +172,79 @@ std::string ReadText(const fs::path& path) {
   return text.str();
 }
 
+constexpr const char* kDamagedHint = "remove this file and run orient on this workspace again; finished work is reused";
+
 /// The parsed record; throws one clear Error for anything that is not a record of this version.
 json ReadRecordJson(const fs::path& path) {
   json record;
+  int version = 0;
   try {
     record = json::parse(ReadText(path));
-    if (record.at("format") != "rilievo-workspace") throw Error(ErrorCode::kInvalidInput, path.string(), "is not a workspace record");
+    if (record.at("format") != "rilievo-workspace")
+      throw Error(ErrorCode::kInvalidInput, path.string(), "is not a workspace record");
+    version = record.at("version");
   } catch (const json::exception&) {
-    throw Error(ErrorCode::kInvalidInput, path.string(), "is damaged", "run orient on this workspace again after removing this file; finished work is reused");
+    throw Error(ErrorCode::kInvalidInput, path.string(), "is damaged", kDamagedHint);
   }
-  const int version = record.value("version", 0);
   if (version != kWorkspaceVersion)
     throw Error(ErrorCode::kVersion, path.parent_path().string(),
-                "is a workspace of format " + std::to_string(version) + ", this program reads and writes format " + std::to_string(kWorkspaceVersion),
+                "is a workspace of format " + std::to_string(version) + ", this program reads and writes format " +
+                    std::to_string(kWorkspaceVersion),
                 "use the program that made it, or orient into a new --workspace folder");
   return record;
+}
+
+/// The absolute place of a workspace folder, links resolved as far as it exists.
+fs::path PlaceOf(const fs::path& dir) {
+  if (dir.empty()) throw Error(ErrorCode::kUsage, "--workspace", "is empty", "give a folder");
+  return fs::weakly_canonical(fs::absolute(dir));
+}
+
+/// Refuses a file, a folder of other things and a workspace of another format.
+void RefuseOtherThings(const fs::path& dir) {
+  std::error_code failed;
+  if (!fs::exists(dir, failed)) return;
+  if (!fs::is_directory(dir))
+    throw Error(ErrorCode::kInvalidInput, dir.string(), "is a file", "--workspace takes a folder");
+  const bool has_record = fs::exists(dir / kRecordName);
+  if (!has_record && !fs::exists(dir / kArtifacts) && !fs::is_empty(dir))
+    throw Error(ErrorCode::kInvalidInput, dir.string(), "holds other files and is no workspace",
+                "give a new or empty folder");
+  if (!has_record) return;
+  try {
+    ReadRecordJson(dir / kRecordName);
+  } catch (const Error& error) {
+    if (error.code() == ErrorCode::kVersion) throw;  // a damaged record is replaced by the run
+  }
 }
 
 }  // namespace
 
 Workspace Workspace::OpenOrCreate(const fs::path& dir) {
-  std::error_code failed;
-  if (fs::exists(dir, failed)) {
-    if (!fs::is_directory(dir)) throw Error(ErrorCode::kInvalidInput, dir.string(), "is a file", "--workspace takes a folder");
-    const bool ours = fs::exists(dir / kRecordName) || fs::exists(dir / kArtifacts);
-    if (!ours && !fs::is_empty(dir))
-      throw Error(ErrorCode::kInvalidInput, dir.string(), "holds other files and is no workspace", "give a new or empty folder");
-    if (fs::exists(dir / kRecordName)) {
-      try {
-        ReadRecordJson(dir / kRecordName);
-      } catch (const Error& error) {
-        if (error.code() == ErrorCode::kVersion) throw;  // a damaged record is rewritten by the run
-      }
-    }
-  }
-  const fs::path place = fs::absolute(dir).lexically_normal();
+  const fs::path place = PlaceOf(dir);
+  RefuseOtherThings(place);
   Workspace workspace(place, engine::ArtifactStore(place / kArtifacts));
   workspace.store().RemoveStaleTemporaries();
+  engine::RemoveStaleTemporariesIn(place);
   return workspace;
 }
 
 Workspace Workspace::Open(const fs::path& dir) {
   std::error_code failed;
   if (!fs::is_directory(dir, failed))
-    throw Error(ErrorCode::kNotFound, dir.string(), "there is no such workspace folder", "give the folder that orient --workspace made");
+    throw Error(ErrorCode::kNotFound, dir.string(), "there is no such workspace folder",
+                "give the folder that orient --workspace made");
   if (!fs::exists(dir / kRecordName))
-    throw Error(ErrorCode::kNotFound, dir.string(), "is no workspace: it has no run.json", "give the folder that orient --workspace made");
+    throw Error(ErrorCode::kNotFound, dir.string(), "is no workspace: it has no run.json",
+                "give the folder that orient --workspace made");
   ReadRecordJson(dir / kRecordName);
-  const fs::path place = fs::absolute(dir).lexically_normal();
+  const fs::path place = PlaceOf(dir);
   return Workspace(place, engine::ArtifactStore::ForReading(place / kArtifacts));
 }
 
 Workspace Workspace::ForPlanning(const fs::path& dir) {
-  const fs::path place = fs::absolute(dir.empty() ? fs::path(".") : dir).lexically_normal();
+  const fs::path place = PlaceOf(dir);
+  RefuseOtherThings(place);
   return Workspace(place, engine::ArtifactStore::ForReading(place / kArtifacts));
 }
 
@@ -209,20 +255,32 @@ std::optional<RunRecord> Workspace::ReadRecord() const {
   try {
     return RecordFromJson(record, dir_);
   } catch (const std::exception& error) {
-    throw Error(ErrorCode::kInvalidInput, path.string(), std::string("is damaged: ") + error.what(),
-                "remove this file and run orient on this workspace again; finished work is reused");
+    throw Error(ErrorCode::kInvalidInput, path.string(), std::string("is damaged: ") + error.what(), kDamagedHint);
   }
 }
 
 void Workspace::WriteRecord(const RunRecord& record) const {
-  const std::string text = ToJson(record, dir_).dump(1) + "\n";
-  engine::WriteFileDurably(dir_ / kRecordName, std::as_bytes(std::span(text)));
+  // A path that is not UTF-8 is only informative here: its odd bytes are replaced.
+  WriteText(kRecordName, ToJson(record, dir_).dump(1, ' ', false, json::error_handler_t::replace) + "\n");
+}
+
+void Workspace::WriteText(const std::string& name, const std::string& text) const {
+  const fs::path path = dir_ / name;
+  std::error_code failed;
+  if (fs::is_regular_file(path, failed) && ReadText(path) == text) return;
+  engine::WriteFileDurably(path, std::as_bytes(std::span(text)));
+}
+
+void Workspace::RemoveReports() const {
+  std::error_code ignored;
+  for (const char* name : {"report.txt", "report.json"}) fs::remove(dir_ / name, ignored);
 }
 
 std::uint64_t FreeDiskBytes(const fs::path& dir) {
   fs::path place = fs::absolute(dir);
   std::error_code failed;
-  while (!fs::exists(place, failed) && place.has_parent_path() && place != place.parent_path()) place = place.parent_path();
+  while (!fs::exists(place, failed) && place.has_parent_path() && place != place.parent_path())
+    place = place.parent_path();
   const auto space = fs::space(place, failed);
   return failed ? ~std::uint64_t{0} : space.available;
 }

@@ -14,23 +14,26 @@ namespace rilievo::scheduling {
 
 inline constexpr int kWorkspaceVersion = 1;
 
-/// What `run.json` holds (docs/formats/workspace.md): enough to find every artifact of the run again, without the images.
+/// What `run.json` holds (docs/formats/workspace.md): enough to find every artifact of the run again, without the
+/// images.
 struct RunRecord {
-  std::filesystem::path images;        ///< image folder or scene file, absolute in memory, relative to the workspace on disk
+  std::filesystem::path images;  ///< image folder or scene file, absolute in memory, relative to the workspace on disk
   bool from_scene = false;
   Block block;
   OrientOptions options;
+  std::string processor_level;  ///< of the machine that ran it: part of the keys (base/cpu.h)
   std::vector<std::string> warnings;
 };
 
 class Workspace {
  public:
-  /// Opens or creates DIR. Throws Error(kVersion) for a workspace of another format, Error(kInvalidInput) for a folder that
-  /// holds other things, Error(kIo) when it cannot be written.
+  /// Opens or creates DIR. Throws Error(kVersion) for a workspace of another format, Error(kInvalidInput) for a folder
+  /// that holds other things, Error(kIo) when it cannot be written.
   static Workspace OpenOrCreate(const std::filesystem::path& dir);
   /// Opens an existing workspace; throws Error(kNotFound) when DIR is none.
   static Workspace Open(const std::filesystem::path& dir);
-  /// Looks at DIR, which may not exist, and creates nothing: to say what a run would find there.
+  /// Looks at DIR, which may not exist, and creates nothing: to say what a run would find there. Refuses what
+  /// OpenOrCreate refuses.
   static Workspace ForPlanning(const std::filesystem::path& dir);
 
   const std::filesystem::path& dir() const { return dir_; }
@@ -39,6 +42,10 @@ class Workspace {
   /// The record of the current run; none in a workspace that has had no run yet.
   std::optional<RunRecord> ReadRecord() const;
   void WriteRecord(const RunRecord& record) const;
+  /// Writes a file of the workspace durably, unless it holds that already: a finished workspace may be read-only.
+  void WriteText(const std::string& name, const std::string& text) const;
+  /// Removes the reports of an earlier run, which no longer describe this workspace.
+  void RemoveReports() const;
 
  private:
   Workspace(std::filesystem::path dir, engine::ArtifactStore store) : dir_(std::move(dir)), store_(std::move(store)) {}

@@ -38,7 +38,8 @@ void AddRay(ImageSums& sums, const Observation& o, const Image& image) {
   const auto cell = [](double position_px, int size_px) {
     return std::clamp(static_cast<int>(position_px * kCoverageCells / size_px), 0, kCoverageCells - 1);
   };
-  sums.cells.insert(cell(o.measured_px.y(), image.height_px) * kCoverageCells + cell(o.measured_px.x(), image.width_px));
+  sums.cells.insert(cell(o.measured_px.y(), image.height_px) * kCoverageCells +
+                    cell(o.measured_px.x(), image.width_px));
 }
 
 ModelReport SummarizeModel(const Block& block, const Model& model) {
@@ -81,12 +82,14 @@ ModelReport SummarizeModel(const Block& block, const Model& model) {
 
 Report Summarize(const Block& block, const OrientationResult& result) {
   Report report;
-  report.images = block.images.size();
   report.quarantined = block.quarantined;
   for (const Image& image : block.images) {
     const ImageSummary& summary = result.images.at(image.id.value);
     report.features += summary.features;
-    if (!summary.quarantine.empty()) report.quarantined.push_back({image.name, summary.quarantine});
+    if (summary.quarantine.empty())
+      ++report.images;
+    else
+      report.quarantined.push_back({image.name, summary.quarantine});
   }
   for (const auto& pair : result.pairs) {
     ++report.pairs;

@@ -33,7 +33,8 @@ struct ModelReport {
 
 struct Report {
   std::vector<ModelReport> models;
-  std::size_t images = 0, oriented = 0, features = 0;
+  std::size_t images = 0;  ///< usable ones: without the quarantined
+  std::size_t oriented = 0, features = 0;
   std::vector<QuarantinedImage> quarantined;  ///< found unusable by header or by decoding
   std::size_t pairs = 0, pairs_verified = 0, matches = 0, inliers = 0;
 };

@@ -20,54 +20,78 @@ namespace {
 
 std::string ModelText(const ModelReport& m, std::size_t index, std::size_t count, const Block& block) {
   std::string text = count == 1 ? "Bundle block adjustment\n" : Format("Component %zu of %zu\n", index + 1, count);
-  text += Format("  images %zu, object points %zu, rays %zu (mean multiplicity %.2f)\n", m.images.size(), m.points, m.rays, m.mean_multiplicity);
-  text += Format("  sigma0 %.3f px, redundancy %ld, RMS residual %.3f px, largest %.2f px\n", m.sigma0_px, m.redundancy, m.rms_px, m.max_residual_px);
-  text += Format("  intersection angles %.1f / %.1f / %.1f deg (least / mean / largest)\n", m.min_angle_deg, m.mean_angle_deg, m.max_angle_deg);
+  text += Format("  images %zu, object points %zu, rays %zu (mean multiplicity %.2f)\n", m.images.size(), m.points,
+                 m.rays, m.mean_multiplicity);
+  text += Format("  sigma0 %.3f px, redundancy %ld, RMS residual %.3f px, largest %.2f px\n", m.sigma0_px, m.redundancy,
+                 m.rms_px, m.max_residual_px);
+  text += Format("  intersection angles %.1f / %.1f / %.1f deg (least / mean / largest)\n", m.min_angle_deg,
+                 m.mean_angle_deg, m.max_angle_deg);
   text += "  points by rays:";
-  for (std::size_t k = 0; k < m.multiplicity.size(); ++k) text += Format(" %zu%s: %zu", k + 2, k == 7 ? "+" : "", m.multiplicity[k]);
+  for (std::size_t k = 0; k < m.multiplicity.size(); ++k)
+    text += Format(" %zu%s: %zu", k + 2, k == 7 ? "+" : "", m.multiplicity[k]);
   text += "\n  datum: free; origin at the mean of the projection centres, their RMS distance from it is 1\n\n";
   text += "      rays   RMS x   RMS y     max  coverage  image\n";
   for (const ImageReport& i : m.images)
-    text += Format("  %8zu  %6.3f  %6.3f  %6.2f    %5.1f %%  ", i.rays, i.rms_x_px, i.rms_y_px, i.max_residual_px, 100 * i.coverage) + block.image(i.image).name + "\n";
+    text += Format("  %8zu  %6.3f  %6.3f  %6.2f    %5.1f %%  ", i.rays, i.rms_x_px, i.rms_y_px, i.max_residual_px,
+                   100 * i.coverage) +
+            block.image(i.image).name + "\n";
   return text;
 }
 
 const char* ModelName(TwoViewModel model) {
   switch (model) {
-    case TwoViewModel::kRejected: return "rejected";
-    case TwoViewModel::kEssential: return "essential";
-    case TwoViewModel::kFundamental: return "fundamental";
-    case TwoViewModel::kHomography: return "homography";
+    case TwoViewModel::kRejected:
+      return "rejected";
+    case TwoViewModel::kEssential:
+      return "essential";
+    case TwoViewModel::kFundamental:
+      return "fundamental";
+    case TwoViewModel::kHomography:
+      return "homography";
   }
   return "";
 }
 
 nlohmann::json ModelJson(const ModelReport& m, const Model& model, const Block& block) {
-  nlohmann::json out = {{"points", m.points}, {"rays", m.rays}, {"mean_multiplicity", m.mean_multiplicity}, {"sigma0_px", m.sigma0_px},
-                        {"redundancy", m.redundancy}, {"rms_px", m.rms_px}, {"max_residual_px", m.max_residual_px},
-                        {"intersection_angle_deg", {{"min", m.min_angle_deg}, {"mean", m.mean_angle_deg}, {"max", m.max_angle_deg}}},
-                        {"multiplicity_from_2", m.multiplicity}, {"images", nlohmann::json::array()}};
+  nlohmann::json out = {
+      {"points", m.points},
+      {"rays", m.rays},
+      {"mean_multiplicity", m.mean_multiplicity},
+      {"sigma0_px", m.sigma0_px},
+      {"redundancy", m.redundancy},
+      {"rms_px", m.rms_px},
+      {"max_residual_px", m.max_residual_px},
+      {"intersection_angle_deg", {{"min", m.min_angle_deg}, {"mean", m.mean_angle_deg}, {"max", m.max_angle_deg}}},
+      {"multiplicity_from_2", m.multiplicity},
+      {"images", nlohmann::json::array()}};
   for (const ImageReport& i : m.images) {
     const Rigid3& pose = model.cam_from_world.at(i.image);
     const Eigen::Quaterniond& q = pose.rotation;
-    out["images"].push_back({{"name", block.image(i.image).name}, {"rays", i.rays}, {"rms_x_px", i.rms_x_px}, {"rms_y_px", i.rms_y_px},
-                             {"max_residual_px", i.max_residual_px}, {"coverage", i.coverage},
+    out["images"].push_back({{"name", block.image(i.image).name},
+                             {"rays", i.rays},
+                             {"rms_x_px", i.rms_x_px},
+                             {"rms_y_px", i.rms_y_px},
+                             {"max_residual_px", i.max_residual_px},
+                             {"coverage", i.coverage},
                              {"center", {i.center.x(), i.center.y(), i.center.z()}},
-                             {"cam_from_world", {{"quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}},
-                                                 {"translation", {pose.translation.x(), pose.translation.y(), pose.translation.z()}}}}});
+                             {"cam_from_world",
+                              {{"quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}},
+                               {"translation", {pose.translation.x(), pose.translation.y(), pose.translation.z()}}}}});
   }
   return out;
 }
 
 }  // namespace
 
-std::string ToText(const Report& report, const Block& block, const OrientationResult& result, const std::vector<std::string>& warnings) {
+std::string ToText(const Report& report, const Block& block, const OrientationResult& result,
+                   const std::vector<std::string>& warnings) {
   std::string text = Format("Orientation: %zu of %zu images oriented", report.oriented, report.images);
   text += report.models.size() > 1 ? Format(" in %zu separate components\n", report.models.size()) : "\n";
   for (const auto& warning : warnings) text += "  WARNING: " + warning + "\n";
-  text += Format("  features %zu, pairs verified %zu of %zu, matches %zu of which %zu in verified pairs\n\n", report.features,
-                 report.pairs_verified, report.pairs, report.matches, report.inliers);
-  for (std::size_t k = 0; k < report.models.size(); ++k) text += ModelText(report.models[k], k, report.models.size(), block) + "\n";
+  text += Format("  features %zu, pairs verified %zu of %zu, matches %zu of which %zu in verified pairs\n\n",
+                 report.features, report.pairs_verified, report.pairs, report.matches, report.inliers);
+  for (std::size_t k = 0; k < report.models.size(); ++k)
+    text += ModelText(report.models[k], k, report.models.size(), block) + "\n";
   if (!result.unoriented.empty()) {
     text += "Not oriented\n";
     for (const auto& u : result.unoriented) text += "  " + block.image(u.image).name + ": " + u.reason + "\n";
@@ -81,29 +105,62 @@ std::string ToText(const Report& report, const Block& block, const OrientationRe
   return text;
 }
 
-nlohmann::json ToJson(const Report& report, const Block& block, const OrientationResult& result, const std::vector<std::string>& warnings) {
-  nlohmann::json out = {{"format", "rilievo-orientation-report"}, {"version", 1}, {"images", report.images}, {"oriented", report.oriented},
-                        {"features", report.features}, {"pairs", report.pairs}, {"pairs_verified", report.pairs_verified},
-                        {"matches", report.matches}, {"inliers", report.inliers}, {"warnings", warnings},
-                        {"models", nlohmann::json::array()}, {"unoriented", nlohmann::json::array()},
-                        {"quarantined", nlohmann::json::array()}, {"image_list", nlohmann::json::array()},
-                        {"pair_list", nlohmann::json::array()}, {"cameras", nlohmann::json::array()}};
-  for (std::size_t k = 0; k < report.models.size(); ++k) out["models"].push_back(ModelJson(report.models[k], result.models[k], block));
-  for (const auto& u : result.unoriented) out["unoriented"].push_back({{"name", block.image(u.image).name}, {"reason", u.reason}});
+nlohmann::json ToJson(const Report& report, const Block& block, const OrientationResult& result,
+                      const std::vector<std::string>& warnings) {
+  nlohmann::json out = {{"format", "rilievo-orientation-report"},
+                        {"version", 1},
+                        {"images", report.images},
+                        {"oriented", report.oriented},
+                        {"features", report.features},
+                        {"pairs", report.pairs},
+                        {"pairs_verified", report.pairs_verified},
+                        {"matches", report.matches},
+                        {"inliers", report.inliers},
+                        {"warnings", warnings},
+                        {"models", nlohmann::json::array()},
+                        {"unoriented", nlohmann::json::array()},
+                        {"quarantined", nlohmann::json::array()},
+                        {"image_list", nlohmann::json::array()},
+                        {"pair_list", nlohmann::json::array()},
+                        {"cameras", nlohmann::json::array()}};
+  for (std::size_t k = 0; k < report.models.size(); ++k)
+    out["models"].push_back(ModelJson(report.models[k], result.models[k], block));
+  for (const auto& u : result.unoriented)
+    out["unoriented"].push_back({{"name", block.image(u.image).name}, {"reason", u.reason}});
   for (const auto& q : report.quarantined) out["quarantined"].push_back({{"name", q.name}, {"reason", q.reason}});
   for (const Image& image : block.images)
-    out["image_list"].push_back({{"name", image.name}, {"camera", image.camera_id.value}, {"width_px", image.width_px},
-                                 {"height_px", image.height_px}, {"features", result.images.at(image.id.value).features}});
+    out["image_list"].push_back({{"name", image.name},
+                                 {"camera", image.camera_id.value},
+                                 {"width_px", image.width_px},
+                                 {"height_px", image.height_px},
+                                 {"features", result.images.at(image.id.value).features}});
   for (const Camera& c : block.cameras) {
     const CameraModel& m = c.model;
-    out["cameras"].push_back({{"label", c.label}, {"model", CameraModelName(m.kind)}, {"width_px", c.width_px}, {"height_px", c.height_px},
-                              {"fx_px", m.fx}, {"fy_px", m.fy}, {"cx_px", m.cx}, {"cy_px", m.cy}, {"k1", m.k1}, {"k2", m.k2},
-                              {"p1", m.p1}, {"p2", m.p2}, {"k3", m.k3}, {"k4", m.k4}, {"k5", m.k5}, {"k6", m.k6}});
+    out["cameras"].push_back({{"label", c.label},
+                              {"model", CameraModelName(m.kind)},
+                              {"width_px", c.width_px},
+                              {"height_px", c.height_px},
+                              {"fx_px", m.fx},
+                              {"fy_px", m.fy},
+                              {"cx_px", m.cx},
+                              {"cy_px", m.cy},
+                              {"k1", m.k1},
+                              {"k2", m.k2},
+                              {"p1", m.p1},
+                              {"p2", m.p2},
+                              {"k3", m.k3},
+                              {"k4", m.k4},
+                              {"k5", m.k5},
+                              {"k6", m.k6}});
   }
   for (const auto& p : result.pairs)
-    out["pair_list"].push_back({{"first", block.image(p.pair.first).name}, {"second", block.image(p.pair.second).name},
-                                {"model", ModelName(p.model)}, {"reason", rilievo::ToText(p.reason)}, {"matches", p.matches},
-                                {"inliers", p.inliers}, {"median_angle_deg", RadToDeg(p.median_angle_rad)},
+    out["pair_list"].push_back({{"first", block.image(p.pair.first).name},
+                                {"second", block.image(p.pair.second).name},
+                                {"model", ModelName(p.model)},
+                                {"reason", rilievo::ToText(p.reason)},
+                                {"matches", p.matches},
+                                {"inliers", p.inliers},
+                                {"median_angle_deg", RadToDeg(p.median_angle_rad)},
                                 {"homography_ratio", p.homography_ratio}});
   return out;
 }

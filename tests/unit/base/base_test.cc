@@ -21,7 +21,8 @@ TEST(Units, BytesAsPeopleWriteThem) {
   EXPECT_EQ(ParseBytes("1.5 GiB"), 3 * kGibibyte / 2);
   EXPECT_EQ(ParseBytes("800mb"), 800'000'000u);
   EXPECT_EQ(ParseBytes("4096"), 4096u);
-  for (const char* bad : {"", "GiB", "-1GiB", "0", "4 pounds", "nan", "inf", "1e400"}) EXPECT_THROW(ParseBytes(bad), Error) << bad;
+  for (const char* bad : {"", "GiB", "-1GiB", "0", "4 pounds", "nan", "inf", "1e400"})
+    EXPECT_THROW(ParseBytes(bad), Error) << bad;
   EXPECT_EQ(FormatBytes(4 * kGibibyte), "4.0 GiB");
   EXPECT_EQ(ParseBytes(FormatBytes(512 * kMebibyte)), 512 * kMebibyte);
 }

@@ -9,8 +9,19 @@ namespace rilievo {
 namespace {
 
 TEST(CameraModel, NormalizeInvertsProject) {
-  CameraModel m{.kind = CameraModelKind::kFullOpenCv, .fx = 2750, .fy = 2764, .cx = 1520.7, .cy = 1006.8, .k1 = -0.12, .k2 = 0.09,
-                .p1 = 3e-4, .p2 = -5e-4, .k3 = -0.02, .k4 = 0.01, .k5 = -0.004, .k6 = 0.001};
+  CameraModel m{.kind = CameraModelKind::kFullOpenCv,
+                .fx = 2750,
+                .fy = 2764,
+                .cx = 1520.7,
+                .cy = 1006.8,
+                .k1 = -0.12,
+                .k2 = 0.09,
+                .p1 = 3e-4,
+                .p2 = -5e-4,
+                .k3 = -0.02,
+                .k4 = 0.01,
+                .k5 = -0.004,
+                .k6 = 0.001};
   Rng rng(7);
   for (int i = 0; i < 2000; ++i) {
     const Eigen::Vector3d x(rng.Uniform(-0.6, 0.6), rng.Uniform(-0.45, 0.45), 1.0);

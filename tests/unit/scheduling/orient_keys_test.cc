@@ -8,7 +8,11 @@ namespace {
 
 Block MakeBlock(std::size_t images) {
   Block block;
-  block.cameras.push_back({.id = CameraId(0), .model = {.fx = 1000, .fy = 1001, .cx = 500, .cy = 400}, .width_px = 1000, .height_px = 800, .label = ""});
+  block.cameras.push_back({.id = CameraId(0),
+                           .model = {.fx = 1000, .fy = 1001, .cx = 500, .cy = 400},
+                           .width_px = 1000,
+                           .height_px = 800,
+                           .label = ""});
   for (std::uint32_t i = 0; i < images; ++i) {
     Image image;
     image.id = ImageId(i);
@@ -24,10 +28,10 @@ Block MakeBlock(std::size_t images) {
 
 TEST(ComputeKeys, NamesDoNotCount) {
   Block block = MakeBlock(7);
-  const OrientKeys before = ComputeKeys(block, {});
+  const OrientKeys before = ComputeKeys(block, {}, "base");
   for (Image& image : block.images) image.name = "other/" + image.name;
   block.cameras[0].label = "another file";
-  const OrientKeys after = ComputeKeys(block, {});
+  const OrientKeys after = ComputeKeys(block, {}, "base");
   EXPECT_EQ(before.orientation, after.orientation);
   EXPECT_EQ(before.features, after.features);
   EXPECT_EQ(before.pairs, after.pairs);
@@ -35,44 +39,47 @@ TEST(ComputeKeys, NamesDoNotCount) {
 
 TEST(ComputeKeys, ChangedContentInvalidatesJustItsOwn) {
   Block block = MakeBlock(7);
-  const OrientKeys before = ComputeKeys(block, {});
+  const OrientKeys before = ComputeKeys(block, {}, "base");
   block.images[3].content.bytes[31] ^= 1;
-  const OrientKeys after = ComputeKeys(block, {});
+  const OrientKeys after = ComputeKeys(block, {}, "base");
   for (std::size_t i = 0; i < 7; ++i) EXPECT_EQ(before.features[i] == after.features[i], i != 3);
   for (std::size_t t = 0; t < before.tiles.size(); ++t) {
     bool holds_it = false;
-    for (const ImagePair& pair : before.tiles[t].pairs) holds_it |= pair.first == ImageId(3) || pair.second == ImageId(3);
+    for (const ImagePair& pair : before.tiles[t].pairs)
+      holds_it |= pair.first == ImageId(3) || pair.second == ImageId(3);
     EXPECT_EQ(before.pairs[t] == after.pairs[t], !holds_it);
   }
   EXPECT_NE(before.orientation, after.orientation);
 }
 
 TEST(ComputeKeys, AnImageAddedAtTheEndKeepsWhatIsDone) {
-  const OrientKeys before = ComputeKeys(MakeBlock(6), {}), after = ComputeKeys(MakeBlock(8), {});
-  for (const auto& key : before.features) EXPECT_NE(std::find(after.features.begin(), after.features.end(), key), after.features.end());
-  for (const auto& key : before.pairs) EXPECT_NE(std::find(after.pairs.begin(), after.pairs.end(), key), after.pairs.end());
+  const OrientKeys before = ComputeKeys(MakeBlock(6), {}, "base"), after = ComputeKeys(MakeBlock(8), {}, "base");
+  for (const auto& key : before.features)
+    EXPECT_NE(std::find(after.features.begin(), after.features.end(), key), after.features.end());
+  for (const auto& key : before.pairs)
+    EXPECT_NE(std::find(after.pairs.begin(), after.pairs.end(), key), after.pairs.end());
 }
 
 TEST(ComputeKeys, CamerasCountForPairsAndNotForFeatures) {
   Block block = MakeBlock(4);
-  const OrientKeys before = ComputeKeys(block, {});
+  const OrientKeys before = ComputeKeys(block, {}, "base");
   block.cameras[0].model.fy += 1e-9;
-  const OrientKeys after = ComputeKeys(block, {});
+  const OrientKeys after = ComputeKeys(block, {}, "base");
   EXPECT_EQ(before.features, after.features);
   for (std::size_t t = 0; t < before.pairs.size(); ++t) EXPECT_NE(before.pairs[t], after.pairs[t]);
 }
 
 TEST(ComputeKeys, AnOptionInvalidatesItsStageAndWhatFollows) {
   const Block block = MakeBlock(4);
-  const OrientKeys base = ComputeKeys(block, {});
+  const OrientKeys base = ComputeKeys(block, {}, "base");
   OrientOptions options;
   options.mapping.min_resection_inliers += 1;
-  EXPECT_EQ(ComputeKeys(block, options).pairs, base.pairs);
-  EXPECT_NE(ComputeKeys(block, options).orientation, base.orientation);
+  EXPECT_EQ(ComputeKeys(block, options, "base").pairs, base.pairs);
+  EXPECT_NE(ComputeKeys(block, options, "base").orientation, base.orientation);
   options = {};
   options.matching.ratio = 0.7;
-  EXPECT_EQ(ComputeKeys(block, options).features, base.features);
-  EXPECT_NE(ComputeKeys(block, options).pairs, base.pairs);
+  EXPECT_EQ(ComputeKeys(block, options, "base").features, base.features);
+  EXPECT_NE(ComputeKeys(block, options, "base").pairs, base.pairs);
 }
 
 }  // namespace

@@ -25,12 +25,18 @@ class WorkspaceTest : public testing::Test {
   static RunRecord MakeRecord(const fs::path& images) {
     RunRecord record;
     record.images = images;
+    record.processor_level = "avx2";
     record.options.network = Network::kSequence;
     record.options.matching.ratio = 0.1 + 0.6;  // not a short decimal
     record.options.verification.estimator = "lmeds";
     record.warnings = {"a \"quoted\" warning"};
-    record.block.cameras.push_back({.id = CameraId(0), .model = {.kind = CameraModelKind::kOpenCv, .fx = 1.0 / 3, .fy = 2759.48, .cx = 1e-300, .cy = 7, .k1 = -0.1},
-                                    .width_px = 30, .height_px = 20, .source = CalibrationSource::kExif, .label = "EXIF"});
+    record.block.cameras.push_back(
+        {.id = CameraId(0),
+         .model = {.kind = CameraModelKind::kOpenCv, .fx = 1.0 / 3, .fy = 2759.48, .cx = 1e-300, .cy = 7, .k1 = -0.1},
+         .width_px = 30,
+         .height_px = 20,
+         .source = CalibrationSource::kExif,
+         .label = "EXIF"});
     Image image;
     image.id = ImageId(0);
     image.camera_id = CameraId(0);
@@ -59,7 +65,8 @@ TEST_F(WorkspaceTest, RecordComesBack) {
   EXPECT_EQ(read->block.cameras[0].source, CalibrationSource::kExif);
   EXPECT_EQ(read->block.quarantined[0].reason, "empty");
   // Every bit that results depend on is there: the keys are the same.
-  EXPECT_EQ(ComputeKeys(read->block, read->options).orientation, ComputeKeys(record.block, record.options).orientation);
+  EXPECT_EQ(ComputeKeys(read->block, read->options, read->processor_level).orientation,
+            ComputeKeys(record.block, record.options, record.processor_level).orientation);
 }
 
 TEST_F(WorkspaceTest, ImagesAreRelativeSoThatBothMayMoveTogether) {
