@@ -29,7 +29,7 @@ std::string ModelText(const ModelReport& m, std::size_t index, std::size_t count
   text += "  points by rays:";
   for (std::size_t k = 0; k < m.multiplicity.size(); ++k)
     text += Format(" %zu%s: %zu", k + 2, k == 7 ? "+" : "", m.multiplicity[k]);
-  text += "\n  datum: free; origin at the mean of the projection centres, their RMS distance from it is 1\n\n";
+  text += "\n  datum: free; origin at the mean of the projection centres, their mean distance from it is 1\n\n";
   text += "      rays   RMS x   RMS y     max  coverage  image\n";
   for (const ImageReport& i : m.images)
     text += Format("  %8zu  %6.3f  %6.3f  %6.2f    %5.1f %%  ", i.rays, i.rms_x_px, i.rms_y_px, i.max_residual_px,
