@@ -28,6 +28,7 @@ struct OrientationResult {
   std::vector<UnorientedImage> unoriented;  ///< sorted by image; quarantined images are not among them
   std::vector<ImageSummary> images;         ///< by image id
   std::vector<PairSummary> pairs;           ///< sorted by pair
+  std::vector<std::string> warnings = {};   ///< what speaks against the models, one line each
 };
 
 }  // namespace rilievo

@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "stages/adjustment/adjustment.h"
+#include "stages/mapping/doubts.h"
 #include "stages/mapping/finish.h"
 #include "stages/mapping/growth.h"
 #include "stages/mapping/reasons.h"
@@ -109,6 +110,7 @@ Output Run(const Input& input, const Options& options, RunContext& context) {
     return std::tuple(a.cam_from_world.size(), a.points.size()) > std::tuple(b.cam_from_world.size(), b.points.size());
   });
   output.unoriented = UnorientedImages(input, pairs, output.models);
+  output.warnings = Doubts(input, pairs, output.models, options.max_residual_px);
   context.ReportProgress(1);
   return output;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <vector>
 
 #include "base/option.h"
@@ -23,7 +24,7 @@ struct Options {
 };
 
 std::span<const OptionDeclaration<Options>> OptionDeclarations();
-inline constexpr int kVersion = 1;
+inline constexpr int kVersion = 2;
 
 TaskCost Estimate(std::size_t images, std::size_t features_in_all, std::size_t matches_in_all);
 
@@ -38,6 +39,7 @@ struct Input {
 struct Output {
   std::vector<Model> models;                ///< largest first; disconnected scenes give several
   std::vector<UnorientedImage> unoriented;  ///< images in no model, with the reason
+  std::vector<std::string> warnings;        ///< what speaks against the models, one line each (see Doubts)
 };
 
 /// Deterministic: seeds come from context.Seed() and image ids. Throws Cancelled on a stop request.
