@@ -114,6 +114,8 @@ int RunOrient(const OrientFlags& flags, ProgramContext& context) {
   }
   const reporting::Report report = reporting::Summarize(inputs.block, *result);
   WriteReports(found, inputs.block, *result, report, inputs.warnings);
+  if (!flags.run.quiet)
+    for (const auto& warning : result->warnings) PrintWarning(context, warning);
   if (report.models.empty()) FailUnoriented(inputs.block, *result, report, found);
   if (!flags.run.quiet) PrintResult(report, *result, found);
   return kExitDone;

@@ -8,6 +8,9 @@
 namespace rilievo::scheduling {
 namespace {
 
+/// Bumped when the payload of the orientation artifact changes its layout.
+constexpr std::uint64_t kOrientationFormat = 2;
+
 void AddCamera(KeyHasher& hasher, const Camera& camera) {
   const CameraModel& m = camera.model;
   hasher.Add(CameraModelName(m.kind));
@@ -47,7 +50,10 @@ OrientKeys ComputeKeys(const Block& block, const OrientOptions& options, std::st
   for (const PairTile& tile : keys.tiles) keys.pairs.push_back(TileKey(tile, block, options, keys.features));
 
   KeyHasher hasher;
-  hasher.Add("orientation").Add(std::uint64_t{tracks::kVersion}).Add(std::uint64_t{mapping::kVersion});
+  hasher.Add("orientation")
+      .Add(kOrientationFormat)
+      .Add(std::uint64_t{tracks::kVersion})
+      .Add(std::uint64_t{mapping::kVersion});
   hasher.Add(std::uint64_t{adjustment::kVersion})
       .Add(processor_level)
       .Add(OptionKeyText(options.mapping, mapping::OptionDeclarations()));

@@ -202,6 +202,8 @@ std::vector<std::byte> Serialize(const OrientationResult& result) {
     writer.Put(p.median_angle_rad);
     writer.Put(p.homography_ratio);
   }
+  writer.Put<std::uint64_t>(result.warnings.size());
+  for (const auto& warning : result.warnings) writer.PutString(warning);
   return writer.Take();
 }
 
@@ -229,6 +231,7 @@ OrientationResult DeserializeOrientation(std::span<const std::byte> payload) {
     p.homography_ratio = reader.Get<double>();
     result.pairs.push_back(p);
   }
+  for (auto n = reader.Get<std::uint64_t>(); n > 0; --n) result.warnings.push_back(reader.GetString());
   return result;
 }
 
@@ -266,7 +269,8 @@ void RunOrientationTask(OrientRun& run, TaskContext& context) {
   context.ReportProgress(0.05);
   mapping::Output output =
       mapping::Run({run.block, inputs.keypoints, inputs.colors, inputs.pairs, tracks}, run.options.mapping, context);
-  OrientationResult result{std::move(output.models), std::move(output.unoriented), run.images, {}};
+  OrientationResult result{
+      std::move(output.models), std::move(output.unoriented), run.images, {}, std::move(output.warnings)};
   std::erase_if(result.unoriented,
                 [&](const UnorientedImage& u) { return !run.images[u.image.value].quarantine.empty(); });
   for (const auto& tile : run.pairs) result.pairs.insert(result.pairs.end(), tile.begin(), tile.end());

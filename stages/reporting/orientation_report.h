@@ -42,6 +42,7 @@ struct Report {
 /// Pure; cost O(rays of all models x mean multiplicity).
 Report Summarize(const Block& block, const OrientationResult& result);
 
+/// `warnings` are those of the inputs; what speaks against the models comes from the result.
 std::string ToText(const Report& report, const Block& block, const OrientationResult& result,
                    const std::vector<std::string>& warnings);
 nlohmann::json ToJson(const Report& report, const Block& block, const OrientationResult& result,

@@ -87,7 +87,8 @@ std::string ToText(const Report& report, const Block& block, const OrientationRe
                    const std::vector<std::string>& warnings) {
   std::string text = Format("Orientation: %zu of %zu images oriented", report.oriented, report.images);
   text += report.models.size() > 1 ? Format(" in %zu separate components\n", report.models.size()) : "\n";
-  for (const auto& warning : warnings) text += "  WARNING: " + warning + "\n";
+  for (const auto& list : {warnings, result.warnings})
+    for (const auto& warning : list) text += "  WARNING: " + warning + "\n";
   text += Format("  features %zu, pairs verified %zu of %zu, matches %zu of which %zu in verified pairs\n\n",
                  report.features, report.pairs_verified, report.pairs, report.matches, report.inliers);
   for (std::size_t k = 0; k < report.models.size(); ++k)
@@ -107,6 +108,8 @@ std::string ToText(const Report& report, const Block& block, const OrientationRe
 
 nlohmann::json ToJson(const Report& report, const Block& block, const OrientationResult& result,
                       const std::vector<std::string>& warnings) {
+  std::vector<std::string> all_warnings = warnings;
+  all_warnings.insert(all_warnings.end(), result.warnings.begin(), result.warnings.end());
   nlohmann::json out = {{"format", "rilievo-orientation-report"},
                         {"version", 1},
                         {"images", report.images},
@@ -116,7 +119,7 @@ nlohmann::json ToJson(const Report& report, const Block& block, const Orientatio
                         {"pairs_verified", report.pairs_verified},
                         {"matches", report.matches},
                         {"inliers", report.inliers},
-                        {"warnings", warnings},
+                        {"warnings", all_warnings},
                         {"models", nlohmann::json::array()},
                         {"unoriented", nlohmann::json::array()},
                         {"quarantined", nlohmann::json::array()},
