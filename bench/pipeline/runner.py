@@ -7,6 +7,7 @@ import pathlib
 import platform
 import subprocess
 import sys
+import traceback
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 NAMES = ["orient", "features", "matching", "engine", "adjustment", "mapping", "refinement", "dense", "report"]
@@ -30,10 +31,29 @@ class Figures:
     def skip(self, name, unit, bar, reason):
         self._append({"name": name, "value": None, "unit": unit, "bar": bar, "holds": False, "skipped": reason})
 
+    def fail(self, name, unit, bar, reason):
+        """A figure that could not be measured though it should have been: it falls short, and says why."""
+        self._append({"name": name, "value": None, "unit": unit, "bar": bar, "holds": False, "skipped": None, "reason": reason})
+
+    def measure(self, rows, part):
+        """Runs `part`. Whatever happens in it, each of `rows` (name, unit, bar) has an entry afterwards, and the other parts go on."""
+        reason = "not measured"
+        try:
+            part()
+        except Exception as error:  # noqa: BLE001 - a bench reports what is wrong and goes on
+            traceback.print_exc()
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+        measured = {entry["name"] for entry in self.entries}
+        for name, unit, bar in rows:
+            if name not in measured:
+                self.fail(name, unit, bar, reason)
+
     def _append(self, entry):
         self.entries.append(entry)
         value = "-" if entry["value"] is None else f"{entry['value']:.6g}" if isinstance(entry["value"], float) else str(entry["value"])
         verdict = f"skipped: {entry['skipped']}" if entry["skipped"] else "holds" if entry["holds"] else "FALLS SHORT"
+        if entry.get("reason"):
+            verdict += f": {entry['reason']}"
         print(f"{entry['name']:<58} {value:>12} {entry['unit']:<6} {entry['bar']:<12} {verdict}", flush=True)
 
 

@@ -1,9 +1,11 @@
 """The main job on a small simulated block: orientation, report, exports, reruns, and what users do to a workspace."""
 import json
+import os
 import shutil
+import subprocess
 import threading
 
-from rilievo_test import ProgramTest, artifacts, main, rilievo
+from rilievo_test import RILIEVO, ProgramTest, artifacts, main, rilievo
 
 
 class Orient(ProgramTest):
@@ -60,6 +62,7 @@ class Orient(ProgramTest):
         self.assertTrue(any((workspace / "artifacts" / "quarantine").iterdir()))
 
     def test_two_programs_in_one_workspace(self):
+        self.assertEqual(self.orient(None, None, self.scratch / "alone").returncode, 0)
         results = []
         threads = [threading.Thread(target=lambda: results.append(self.orient())) for _ in range(2)]
         for thread in threads:
@@ -68,6 +71,8 @@ class Orient(ProgramTest):
             thread.join()
         self.assertEqual([r.returncode for r in results], [0, 0], [r.stderr for r in results])
         self.assertEqual(self.report()["oriented"], 6)
+        self.assertEqual(self.export(self.scratch / "alone", name="export-alone"), self.export())
+        self.assertEqual(set(artifacts(self.scratch / "alone")), set(artifacts(self.scratch / "workspace")))
 
     def test_an_image_folder_that_moved(self):
         photos = self.copy_images()
@@ -115,11 +120,31 @@ class Orient(ProgramTest):
         events = json.loads(trace.read_text())
         spans = [e for e in (events["traceEvents"] if isinstance(events, dict) else events) if e.get("ph") == "X"]
         self.assertEqual(sum(1 for e in spans if e.get("cat") == "features"), 6)
-        for line in done.stderr.splitlines():
-            if line.startswith("{"):
-                json.loads(line)
+        lines = done.stderr.splitlines()
+        self.assertTrue(lines)
+        for line in lines:  # a program reads all of stderr
+            self.assertIsInstance(json.loads(line), dict, line)
         quiet = self.orient(None, None, self.scratch / "other", "--quiet")
         self.assertEqual((quiet.stdout, quiet.stderr), ("", ""))
+
+    def test_memory_stays_below_the_limit(self):
+        for limit_mib in (310, 600, 1024):
+            for threads in (2, 8):
+                with self.subTest(limit_mib=limit_mib, threads=threads):
+                    workspace = self.scratch / f"w-{limit_mib}-{threads}"
+                    process = subprocess.Popen([RILIEVO, "orient", self.images, "--calibration", self.calibration, "--workspace", workspace, "--quiet",
+                                                "--memory", f"{limit_mib}MiB", "--threads", str(threads)])
+                    _, status, usage = os.wait4(process.pid, 0)  # the kernel's own account of the process: ru_maxrss is its VmHWM
+                    process.returncode = os.waitstatus_to_exitcode(status)
+                    self.assertEqual(process.returncode, 0)
+                    self.assertLessEqual(usage.ru_maxrss / 1024, limit_mib)
+                    self.assertEqual(self.report(workspace)["oriented"], 6)
+
+    def test_json_progress_is_json_with_warnings_too(self):
+        done = rilievo("orient", self.images, "--workspace", self.scratch / "workspace", "--progress", "json")
+        for line in done.stderr.splitlines():
+            if not line.startswith("rilievo: error"):
+                self.assertIsInstance(json.loads(line), dict, line)
 
 
 if __name__ == "__main__":
