@@ -25,7 +25,7 @@ struct SimulateFlags {
 /// JPEG of quality 97 of a textured image takes up to a byte and a half a pixel; PNG and TIFF as much as their samples.
 std::uint64_t DiskBytes(const SimulateFlags& flags) {
   const auto& o = flags.scene;
-  const double sample_bytes = o.format == "jpg" ? 1.5 : o.bits / 8.0 * 1.1;
+  const double sample_bytes = o.format == "jpg" ? 1.5 : (o.bits == "16" ? 2.2 : 1.1);
   const double pixels = static_cast<double>(o.width_px) * o.height_px;
   return static_cast<std::uint64_t>(o.images * pixels * (sample_bytes + (flags.depth ? 4 : 0))) + 64 * kMebibyte;
 }

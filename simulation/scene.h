@@ -28,7 +28,7 @@ struct SceneOptions {
   double vignetting = 0.15;   ///< loss of light in the corners as a fraction
   double exposure_spread = 0.05;
   bool distortion = true;
-  int bits = 8;
+  std::string bits = "8";      ///< a pixel: 8 | 16
   std::string format = "jpg";  ///< jpg | png | tif
   int surface_points = 500000;
   int seed = 1;

@@ -13,7 +13,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 constexpr const char* kFormat = "rilievo-scene";
-constexpr int kFileVersion = 1;
+constexpr int kFileVersion = 2;
 
 Json OptionsToJson(const SceneOptions& options) {
   Json json = Json::object();
@@ -87,7 +87,6 @@ SceneOptions Reader::Options(const Json& json) const {
   } catch (const Error& error) {
     Fail(error.path() + ": " + error.message());
   }
-  if (options.bits != 8 && options.bits != 16) Fail("option 'bits' is neither 8 nor 16");
   return options;
 }
 

@@ -132,7 +132,7 @@ TEST(Renderer, PixelsStandWhereTheGeometrySaysAtASilhouette) {
 
 TEST(Renderer, NoiseHasTheStatedDeviation) {
   SceneOptions options = Small("relief");
-  options.bits = 16, options.format = "tif", options.noise = 0.01;
+  options.bits = "16", options.format = "tif", options.noise = 0.01;
   SceneOptions clean = options;
   clean.noise = 0;
   const GreyImage noisy = Renderer(MakeScene(options)).RenderGrey(0), quiet = Renderer(MakeScene(clean)).RenderGrey(0);

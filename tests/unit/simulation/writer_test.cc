@@ -31,7 +31,7 @@ class WriterTest : public testing::Test {
     options.height_px = 150;
     options.surface_points = 3000;
     options.format = format;
-    options.bits = bits;
+    options.bits = std::to_string(bits);
     return options;
   }
   fs::path folder_;
