@@ -13,6 +13,9 @@
 namespace rilievo::simulation {
 namespace {
 
+/// Neighbours all around a closed object must see the same parts of it under angles that matching survives.
+constexpr double kLargestRingStep_deg = 15;
+
 /// A camera to be: projection centre, the point it looks at and its roll about the axis of view.
 struct View {
   Eigen::Vector3d center_m, target_m;
@@ -283,6 +286,19 @@ Scene MakeScene(const SceneOptions& options) {
   }
   if (options.surface == "relief") scene.panel_m = PanelSeen(scene);
   return scene;
+}
+
+std::vector<std::string> SceneWarnings(const SceneOptions& options) {
+  std::vector<std::string> warnings;
+  const double step_deg = 360.0 / options.images;
+  if (options.network == "ring" && options.surface != "relief" && step_deg > kLargestRingStep_deg) {
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "--images %d puts %.0f degrees between neighbours of the ring; use %d or more images", options.images,
+                  step_deg, static_cast<int>(std::ceil(360 / kLargestRingStep_deg)));
+    warnings.emplace_back(text);
+  }
+  return warnings;
 }
 
 }  // namespace rilievo::simulation

@@ -127,6 +127,19 @@ TEST(Scene, ContradictoryOptionsAreUsageErrors) {
   EXPECT_EQ(code([](SceneOptions& o) { o.strips = 13; }), ErrorCode::kUsage);
 }
 
+TEST(Scene, WarnsOfRingsWithWideSteps) {
+  const auto warnings = [](const char* surface, const char* network, int images) {
+    SceneOptions options = Options(surface, network);
+    options.images = images;
+    return SceneWarnings(options);
+  };
+  ASSERT_EQ(warnings("sphere", "ring", 23).size(), 1U);
+  EXPECT_NE(warnings("statue", "ring", 12)[0].find("use 24 or more"), std::string::npos);
+  EXPECT_TRUE(warnings("sphere", "ring", 24).empty());
+  EXPECT_TRUE(warnings("relief", "ring", 4).empty());
+  EXPECT_TRUE(warnings("sphere", "arc", 4).empty());
+}
+
 TEST(RayGrid, InterpolatesTheInverseDistortion) {
   const Scene scene = MakeScene(Options("relief", "arc"));
   const RayGrid rays(scene.camera);
