@@ -5,6 +5,7 @@
 #include <set>
 #include <sstream>
 
+#include "simulation/block_file.h"
 #include "simulation/ray_grid.h"
 #include "simulation/scene.h"
 
@@ -189,14 +190,7 @@ Scene ParseScene(const std::string& text, const std::string& path) {
   return scene;
 }
 
-void WriteSceneFile(const Scene& scene, const std::filesystem::path& path) {
-  std::ofstream file(path, std::ios::binary);
-  file << SceneText(scene);
-  file.close();
-  if (!file)
-    throw Error(ErrorCode::kIo, path.string(), "cannot be written",
-                "check the folder's permissions and the free disk space");
-}
+void WriteSceneFile(const Scene& scene, const std::filesystem::path& path) { WriteBlockFile(path, SceneText(scene)); }
 
 Scene ReadSceneFile(const std::filesystem::path& path) {
   std::error_code ignored;

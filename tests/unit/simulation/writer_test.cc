@@ -71,15 +71,15 @@ TEST_F(WriterTest, ImagesHoldTheRenderedPixelsAndExif) {
   }
 }
 
-TEST_F(WriterTest, AWholeSceneHasItsTruthBesideIt) {
+TEST_F(WriterTest, AWholeBlockHasItsTruthBesideIt) {
   WriteOptions options;
   options.depth = true;
   options.points = 200;
   const Scene scene = MakeScene(Options("png", 8));
-  SerialRunContext context;
-  WriteScene(scene, folder_, options, context);
-  EXPECT_EQ(SceneText(ReadSceneFile(folder_ / "scene.json")), SceneText(scene));
   const Renderer renderer(scene);
+  WriteSceneData(renderer, folder_, options);
+  for (const fs::path& path : SceneDataPaths(folder_)) EXPECT_TRUE(fs::is_regular_file(path)) << path;
+  for (std::size_t i = 0; i < scene.names.size(); ++i) WriteMissing(renderer, i, folder_, options);
 
   std::istringstream poses(ReadText(folder_ / "truth" / "poses.txt"));
   std::string line;
