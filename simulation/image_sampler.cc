@@ -101,6 +101,7 @@ ImageSampler::ImageSampler(const SceneView& view, std::size_t image)
   world_from_cam_ = pose.rotation.conjugate().toRotationMatrix();
   center_m_ = pose.Center().cast<float>();
   light_ = Eigen::Vector3f(-0.55F, 0.60F, 0.58F).normalized();
+  if (view.scene.options.surface == "relief") ambient_ = 0.10F;
   exposure_ = static_cast<float>(view.scene.exposures.at(image));
   pixel_size_ = static_cast<float>(1.0 / view.scene.camera.model.MeanFocal());
 }
@@ -132,7 +133,7 @@ void ImageSampler::Place(const RayPacket& packet, std::size_t first, const Footi
     const float cosine = std::max(std::abs(normal.dot(direction)) / std::sqrt(length2), 1e-3F);
     const float footprint_m = base * std::max(1 / std::sqrt(cosine), 0.6F / cosine);
     const float half = 0.5F + 0.5F * normal.dot(light_);
-    strip.shade[lane] = 0.10F + 1.15F * half * half;
+    strip.shade[lane] = ambient_ + (1.25F - ambient_) * half * half;
     strip.depth_m[lane] = t;
     const float along = plane.dot(direction);
     for (int s = 0; s < subs; ++s) {

@@ -55,6 +55,9 @@ class ImageSampler {
   RayGrid rays_;
   Eigen::Matrix3d world_from_cam_;
   Eigen::Vector3f center_m_, light_;
+  /// Light from all around. A closed object is photographed from its shadow side too, which must not drown in the
+  /// noise.
+  float ambient_ = 0.50F;
   float exposure_ = 1, pixel_size_ = 1;  ///< pixel_size_: on the ideal image plane Z = 1
   NoiseKernel kernel_;
 };

@@ -66,7 +66,7 @@ GreyImage Renderer::RenderGrey(std::size_t image) const {
   GreyImage result;
   result.width_px = whole.width_px;
   result.height_px = whole.height_px;
-  if (o.bits == 16) {
+  if (o.bits == "16") {
     result.u16 = Quantise<std::uint16_t>(radiance, o.noise, key, 65535.0F);
   } else {
     result.u8 = Quantise<std::uint8_t>(radiance, o.noise, key, 255.0F);

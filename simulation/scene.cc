@@ -13,6 +13,9 @@
 namespace rilievo::simulation {
 namespace {
 
+/// Neighbours all around a closed object must see the same parts of it under angles that matching survives.
+constexpr double kLargestRingStep_deg = 15;
+
 /// A camera to be: projection centre, the point it looks at and its roll about the axis of view.
 struct View {
   Eigen::Vector3d center_m, target_m;
@@ -147,9 +150,7 @@ Eigen::Vector4d PanelSeen(const Scene& scene) {
 
 void CheckCombination(const SceneOptions& o) {
   ValidateOptions(o, SceneOptionDeclarations());
-  if (o.bits != 8 && o.bits != 16)
-    throw Error(ErrorCode::kUsage, "--bits", std::to_string(o.bits) + " bits are not supported", "use 8 or 16");
-  if (o.bits == 16 && o.format == "jpg")
+  if (o.bits == "16" && o.format == "jpg")
     throw Error(ErrorCode::kUsage, "--bits", "JPEG files hold 8 bits only", "use --format tif or png for 16 bits");
   const double nearest_m = (o.surface == "relief" ? 0.3 : 0.75) * o.object_size_m;
   if (o.distance_m < nearest_m)
@@ -159,11 +160,11 @@ void CheckCombination(const SceneOptions& o) {
     throw Error(ErrorCode::kUsage, "--strips", "there are more strips than images", "use fewer strips");
 }
 
-}  // namespace
+using O = SceneOptions;
 
-std::span<const OptionDeclaration<SceneOptions>> SceneOptionDeclarations() {
-  using O = SceneOptions;
-  static const std::vector<OptionDeclaration<O>> kDeclarations{
+/// The object, the camera and where it stands.
+const std::vector<OptionDeclaration<O>>& LayoutDeclarations() {
+  static const std::vector<OptionDeclaration<O>> kLayout{
       {.name = "surface",
        .member = &O::surface,
        .unit = "",
@@ -202,6 +203,13 @@ std::span<const OptionDeclaration<SceneOptions>> SceneOptionDeclarations() {
        .unit = "deg",
        .help = "intersection angle of neighbouring images in arcs and strips; 0 = the network's own"},
       {.name = "strips", .member = &O::strips, .min = 1, .max = 1000, .unit = "", .help = "rows of a strip network"},
+  };
+  return kLayout;
+}
+
+/// What the camera makes of the light, and the files.
+const std::vector<OptionDeclaration<O>>& ImageDeclarations() {
+  static const std::vector<OptionDeclaration<O>> kImage{
       {.name = "noise",
        .member = &O::noise,
        .min = 0,
@@ -230,7 +238,7 @@ std::span<const OptionDeclaration<SceneOptions>> SceneOptionDeclarations() {
        .member = &O::distortion,
        .unit = "",
        .help = "give the lens radial and tangential distortion"},
-      {.name = "bits", .member = &O::bits, .min = 8, .max = 16, .unit = "", .help = "bits a pixel: 8 or 16"},
+      {.name = "bits", .member = &O::bits, .unit = "", .help = "bits a pixel", .choices = {"8", "16"}},
       {.name = "format",
        .member = &O::format,
        .unit = "",
@@ -249,6 +257,17 @@ std::span<const OptionDeclaration<SceneOptions>> SceneOptionDeclarations() {
        .unit = "",
        .help = "another seed is another object and another network"},
   };
+  return kImage;
+}
+
+}  // namespace
+
+std::span<const OptionDeclaration<SceneOptions>> SceneOptionDeclarations() {
+  static const std::vector<OptionDeclaration<O>> kDeclarations = [] {
+    std::vector<OptionDeclaration<O>> all = LayoutDeclarations();
+    all.insert(all.end(), ImageDeclarations().begin(), ImageDeclarations().end());
+    return all;
+  }();
   return kDeclarations;
 }
 
@@ -267,6 +286,19 @@ Scene MakeScene(const SceneOptions& options) {
   }
   if (options.surface == "relief") scene.panel_m = PanelSeen(scene);
   return scene;
+}
+
+std::vector<std::string> SceneWarnings(const SceneOptions& options) {
+  std::vector<std::string> warnings;
+  const double step_deg = 360.0 / options.images;
+  if (options.network == "ring" && options.surface != "relief" && step_deg > kLargestRingStep_deg) {
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "--images %d puts %.0f degrees between neighbours of the ring; use %d or more images", options.images,
+                  step_deg, static_cast<int>(std::ceil(360 / kLargestRingStep_deg)));
+    warnings.emplace_back(text);
+  }
+  return warnings;
 }
 
 }  // namespace rilievo::simulation

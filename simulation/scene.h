@@ -28,7 +28,7 @@ struct SceneOptions {
   double vignetting = 0.15;   ///< loss of light in the corners as a fraction
   double exposure_spread = 0.05;
   bool distortion = true;
-  int bits = 8;
+  std::string bits = "8";      ///< a pixel: 8 | 16
   std::string format = "jpg";  ///< jpg | png | tif
   int surface_points = 500000;
   int seed = 1;
@@ -49,17 +49,21 @@ struct Scene {
 };
 
 /// Bumped whenever an equal scene renders to other pixels: part of scene files and of image digests.
-inline constexpr int kRendererVersion = 1;
+inline constexpr int kRendererVersion = 2;
 
 /// Lays out the block that the options describe; pure and deterministic. Throws Error(kUsage) for options out of range
 /// or in contradiction.
 Scene MakeScene(const SceneOptions& options);
+
+/// What is allowed and yet hardly orientable, one line each: neighbours of a closed object's ring too far apart.
+std::vector<std::string> SceneWarnings(const SceneOptions& options);
 
 /// The scene as the text of its file (docs/formats/scene.md).
 std::string SceneText(const Scene& scene);
 /// Reads SceneText back; equal to the scene written, bit by bit. `path` is named in errors. Throws Error.
 Scene ParseScene(const std::string& text, const std::string& path);
 
+/// The file appears complete or not at all. Throws Error(kIo, kDiskFull).
 void WriteSceneFile(const Scene& scene, const std::filesystem::path& path);
 /// Throws Error(kNotFound, kUnreadable, kInvalidInput, kVersion).
 Scene ReadSceneFile(const std::filesystem::path& path);

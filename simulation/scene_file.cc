@@ -5,6 +5,7 @@
 #include <set>
 #include <sstream>
 
+#include "simulation/block_file.h"
 #include "simulation/ray_grid.h"
 #include "simulation/scene.h"
 
@@ -13,7 +14,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 constexpr const char* kFormat = "rilievo-scene";
-constexpr int kFileVersion = 1;
+constexpr int kFileVersion = 2;
 
 Json OptionsToJson(const SceneOptions& options) {
   Json json = Json::object();
@@ -87,7 +88,6 @@ SceneOptions Reader::Options(const Json& json) const {
   } catch (const Error& error) {
     Fail(error.path() + ": " + error.message());
   }
-  if (options.bits != 8 && options.bits != 16) Fail("option 'bits' is neither 8 nor 16");
   return options;
 }
 
@@ -190,14 +190,7 @@ Scene ParseScene(const std::string& text, const std::string& path) {
   return scene;
 }
 
-void WriteSceneFile(const Scene& scene, const std::filesystem::path& path) {
-  std::ofstream file(path, std::ios::binary);
-  file << SceneText(scene);
-  file.close();
-  if (!file)
-    throw Error(ErrorCode::kIo, path.string(), "cannot be written",
-                "check the folder's permissions and the free disk space");
-}
+void WriteSceneFile(const Scene& scene, const std::filesystem::path& path) { WriteBlockFile(path, SceneText(scene)); }
 
 Scene ReadSceneFile(const std::filesystem::path& path) {
   std::error_code ignored;

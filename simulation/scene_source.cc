@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <string>
 #include <utility>
 
 namespace rilievo::simulation {
@@ -61,7 +62,7 @@ Block SceneBlock(const Scene& scene) {
     image.width_px = scene.camera.width_px;
     image.height_px = scene.camera.height_px;
     image.channels = 1;
-    image.bits_per_sample = scene.options.bits;
+    image.bits_per_sample = std::stoi(scene.options.bits);
     image.exif = SceneExif(scene, i);
     image.content = KeyHasher().Add(text).Add(static_cast<std::uint64_t>(i)).Finish();
     block.images.push_back(std::move(image));

@@ -5,37 +5,19 @@
 #include <bit>
 #include <cstring>
 #include <exiv2/exiv2.hpp>
-#include <fstream>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <string>
 
 #include "base/option.h"
 #include "base/rng.h"
+#include "simulation/block_file.h"
 #include "simulation/scene_source.h"
 
 namespace rilievo::simulation {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// Writes beside the target and renames: a file under its own name is always complete.
-void WriteFile(const fs::path& path, const char* data, std::size_t size) {
-  std::error_code failed;
-  fs::create_directories(path.parent_path(), failed);
-  fs::path temporary = path;
-  temporary += ".tmp";
-  std::ofstream file(temporary, std::ios::binary);
-  file.write(data, static_cast<std::streamsize>(size));
-  file.close();
-  if (file) fs::rename(temporary, path, failed);
-  if (!file || failed) {
-    fs::remove(temporary, failed);
-    throw Error(ErrorCode::kIo, path.string(), "cannot be written",
-                "check the folder's permissions and the free disk space");
-  }
-}
-void WriteFile(const fs::path& path, const std::string& text) { WriteFile(path, text.data(), text.size()); }
 
 /// Shortest text that reads back to the same double.
 std::string Text(double value) {
@@ -50,21 +32,6 @@ std::string Text(double value) {
 std::string TomlNumber(double value) {
   const std::string text = Text(value);
   return text.find_first_of(".e") == std::string::npos ? text + ".0" : text;
-}
-
-std::string CalibrationToml(const Camera& camera) {
-  const CameraModel& m = camera.model;
-  std::string text = "format = \"rilievo-calibration\"\nversion = 1\n\n[[camera]]\n";
-  text += "label = \"" + camera.label + "\"\n";
-  text += "width_px = " + std::to_string(camera.width_px) + "\nheight_px = " + std::to_string(camera.height_px) + "\n";
-  text += "model = \"" + std::string(CameraModelName(m.kind)) + "\"\n";
-  const std::pair<const char*, double> kAlways[] = {{"fx_px", m.fx}, {"fy_px", m.fy}, {"cx_px", m.cx}, {"cy_px", m.cy}};
-  for (const auto& [name, value] : kAlways) text += std::string(name) + " = " + TomlNumber(value) + "\n";
-  const std::pair<const char*, double> kLens[] = {{"k1", m.k1}, {"k2", m.k2}, {"p1", m.p1}, {"p2", m.p2},
-                                                  {"k3", m.k3}, {"k4", m.k4}, {"k5", m.k5}, {"k6", m.k6}};
-  for (const auto& [name, value] : kLens)
-    if (value != 0) text += std::string(name) + " = " + TomlNumber(value) + "\n";
-  return text;
 }
 
 /// COLMAP's cameras.txt; its parameters in the order of the model.
@@ -179,6 +146,33 @@ std::vector<std::uint8_t> Encode(const GreyImage& grey, const SceneOptions& opti
 
 }  // namespace
 
+fs::path ImagePath(const fs::path& folder, const std::string& name) { return folder / "images" / name; }
+fs::path DepthPath(const fs::path& folder, const std::string& name) {
+  return folder / "truth" / "depth" / (name + ".pfm");
+}
+fs::path CalibrationPath(const fs::path& folder) { return folder / "calibration.toml"; }
+
+std::vector<fs::path> SceneDataPaths(const fs::path& folder) {
+  const fs::path truth = folder / "truth";
+  return {CalibrationPath(folder), truth / "cameras.txt", truth / "poses.txt", truth / "points.txt",
+          truth / "surface.ply"};
+}
+
+std::string CalibrationToml(const Camera& camera) {
+  const CameraModel& m = camera.model;
+  std::string text = "format = \"rilievo-calibration\"\nversion = 1\n\n[[camera]]\n";
+  text += "label = \"" + camera.label + "\"\n";
+  text += "width_px = " + std::to_string(camera.width_px) + "\nheight_px = " + std::to_string(camera.height_px) + "\n";
+  text += "model = \"" + std::string(CameraModelName(m.kind)) + "\"\n";
+  const std::pair<const char*, double> kAlways[] = {{"fx_px", m.fx}, {"fy_px", m.fy}, {"cx_px", m.cx}, {"cy_px", m.cy}};
+  for (const auto& [name, value] : kAlways) text += std::string(name) + " = " + TomlNumber(value) + "\n";
+  const std::pair<const char*, double> kLens[] = {{"k1", m.k1}, {"k2", m.k2}, {"p1", m.p1}, {"p2", m.p2},
+                                                  {"k3", m.k3}, {"k4", m.k4}, {"k5", m.k5}, {"k6", m.k6}};
+  for (const auto& [name, value] : kLens)
+    if (value != 0) text += std::string(name) + " = " + TomlNumber(value) + "\n";
+  return text;
+}
+
 std::vector<TruePoint> MakeTruePoints(const Renderer& renderer, int count) {
   const Scene& scene = renderer.scene();
   std::vector<TruePoint> points;
@@ -198,12 +192,12 @@ std::vector<TruePoint> MakeTruePoints(const Renderer& renderer, int count) {
 
 void WriteSceneData(const Renderer& renderer, const fs::path& folder, const WriteOptions& options) {
   const Scene& scene = renderer.scene();
-  WriteFile(folder / "calibration.toml", CalibrationToml(scene.camera));
-  WriteFile(folder / "truth" / "cameras.txt", CamerasText(scene.camera));
-  WriteFile(folder / "truth" / "poses.txt", PosesText(scene));
-  WriteFile(folder / "truth" / "points.txt", PointsText(scene, MakeTruePoints(renderer, options.points)));
-  if (options.surface) WriteFile(folder / "truth" / "surface.ply", SurfacePly(renderer.surface()));
-  WriteFile(folder / "scene.json", SceneText(scene));
+  const fs::path truth = folder / "truth";
+  WriteBlockFile(CalibrationPath(folder), CalibrationToml(scene.camera));
+  WriteBlockFile(truth / "cameras.txt", CamerasText(scene.camera));
+  WriteBlockFile(truth / "poses.txt", PosesText(scene));
+  WriteBlockFile(truth / "points.txt", PointsText(scene, MakeTruePoints(renderer, options.points)));
+  WriteBlockFile(truth / "surface.ply", SurfacePly(renderer.surface()));
 }
 
 void WriteSceneImage(const Renderer& renderer, std::size_t image, const fs::path& folder, const WriteOptions& options) {
@@ -220,24 +214,22 @@ void WriteSceneImage(const Renderer& renderer, std::size_t image, const fs::path
     Exiv2::BasicIo& io = file->io();
     io.open();
     const Exiv2::byte* bytes = io.mmap();
-    WriteFile(folder / "images" / name, reinterpret_cast<const char*>(bytes), static_cast<std::size_t>(io.size()));
+    WriteBlockFile(ImagePath(folder, name),
+                   {reinterpret_cast<const char*>(bytes), static_cast<std::size_t>(io.size())});
     io.munmap();
   } catch (const Exiv2::Error& error) {
     throw Error(ErrorCode::kInternal, name, std::string("EXIF data cannot be added: ") + error.what());
   }
-  if (options.depth) WriteFile(folder / "truth" / "depth" / (name + ".pfm"), DepthPfm(renderer.RenderDepth(image)));
 }
 
-void WriteScene(const Scene& scene, const fs::path& folder, const WriteOptions& options, RunContext& context) {
-  const Renderer renderer(scene);
-  WriteSceneData(renderer, folder, options);
-  context.ParallelFor(scene.names.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      context.ThrowIfStopped();
-      WriteSceneImage(renderer, i, folder, options);
-    }
-  });
-  context.ReportProgress(1);
+void WriteSceneDepth(const Renderer& renderer, std::size_t image, const fs::path& folder) {
+  WriteBlockFile(DepthPath(folder, renderer.scene().names.at(image)), DepthPfm(renderer.RenderDepth(image)));
+}
+
+void WriteMissing(const Renderer& renderer, std::size_t image, const fs::path& folder, const WriteOptions& options) {
+  const std::string& name = renderer.scene().names.at(image);
+  if (!fs::exists(ImagePath(folder, name))) WriteSceneImage(renderer, image, folder, options);
+  if (options.depth && !fs::exists(DepthPath(folder, name))) WriteSceneDepth(renderer, image, folder);
 }
 
 }  // namespace rilievo::simulation

@@ -2,17 +2,16 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
-#include "base/run_context.h"
 #include "simulation/renderer.h"
 
 namespace rilievo::simulation {
 
 struct WriteOptions {
   bool depth = false;  ///< ground-truth depth of each image as PFM (4 bytes a pixel)
-  bool surface = true;
-  int points = 4000;  ///< exact object points
+  int points = 4000;   ///< exact object points
   int jpeg_quality = 97;
 };
 
@@ -30,15 +29,27 @@ struct TruePoint {
 /// when images show little of the object.
 std::vector<TruePoint> MakeTruePoints(const Renderer& renderer, int count);
 
-/// scene.json, calibration.toml, truth/{poses.txt, cameras.txt, points.txt, surface.ply}: all but the images. Creates
-/// the folders. Throws Error(kIo).
+/// Where the files of a block are.
+std::filesystem::path ImagePath(const std::filesystem::path& folder, const std::string& name);
+std::filesystem::path DepthPath(const std::filesystem::path& folder, const std::string& name);
+std::filesystem::path CalibrationPath(const std::filesystem::path& folder);
+/// What WriteSceneData writes.
+std::vector<std::filesystem::path> SceneDataPaths(const std::filesystem::path& folder);
+
+/// The camera as this project's calibration file.
+std::string CalibrationToml(const Camera& camera);
+
+// Writing creates the folders; each file appears complete or not at all. Throws Error(kIo, kDiskFull).
+
+/// calibration.toml, truth/{poses.txt, cameras.txt, points.txt, surface.ply}: all but the images and scene.json.
 void WriteSceneData(const Renderer& renderer, const std::filesystem::path& folder, const WriteOptions& options);
-/// images/NAME and, if asked for, truth/depth/NAME.pfm of one image. Creates the folders; each file appears complete or
-/// not at all. Throws Error(kIo).
+/// images/NAME of one image.
 void WriteSceneImage(const Renderer& renderer, std::size_t image, const std::filesystem::path& folder,
                      const WriteOptions& options);
-/// All of it, the images through context.ParallelFor.
-void WriteScene(const Scene& scene, const std::filesystem::path& folder, const WriteOptions& options,
-                RunContext& context);
+/// truth/depth/NAME.pfm of one image.
+void WriteSceneDepth(const Renderer& renderer, std::size_t image, const std::filesystem::path& folder);
+/// The image and, if asked for, its depth, each unless it is there already.
+void WriteMissing(const Renderer& renderer, std::size_t image, const std::filesystem::path& folder,
+                  const WriteOptions& options);
 
 }  // namespace rilievo::simulation

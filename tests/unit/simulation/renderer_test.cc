@@ -50,6 +50,27 @@ TEST(Renderer, AWindowShowsWhatTheImageShows) {
                   0.51 + 1e-3);
 }
 
+TEST(Renderer, AClosedObjectHasContrastAllAround) {
+  for (const char* surface : {"sphere", "statue"}) {
+    SceneOptions options = Small(surface);
+    options.network = "ring";
+    options.images = 8;
+    options.noise = 0;
+    options.exposure_spread = 0;
+    const Renderer renderer(MakeScene(options));
+    double least = 1e9, most = 0;
+    for (std::size_t i = 0; i < 8; ++i) {
+      const auto radiance = renderer.RenderRadiance(i, {141, 88, 40, 40}, 1);  // inside the object
+      double sum = 0, squares = 0;
+      for (const float value : radiance) sum += value, squares += value * value;
+      const double mean = sum / 1600, deviation = std::sqrt(squares / 1600 - mean * mean);
+      least = std::min(least, deviation), most = std::max(most, deviation);
+    }
+    EXPECT_GT(least, 0.03) << surface << ": six times the default noise";
+    EXPECT_LT(most, 4 * least) << surface;
+  }
+}
+
 TEST(Renderer, DepthEqualsTheExactRay) {
   for (const char* surface : {"relief", "sphere", "statue"}) {
     const Renderer renderer(MakeScene(Small(surface)));
@@ -132,7 +153,7 @@ TEST(Renderer, PixelsStandWhereTheGeometrySaysAtASilhouette) {
 
 TEST(Renderer, NoiseHasTheStatedDeviation) {
   SceneOptions options = Small("relief");
-  options.bits = 16, options.format = "tif", options.noise = 0.01;
+  options.bits = "16", options.format = "tif", options.noise = 0.01;
   SceneOptions clean = options;
   clean.noise = 0;
   const GreyImage noisy = Renderer(MakeScene(options)).RenderGrey(0), quiet = Renderer(MakeScene(clean)).RenderGrey(0);

@@ -80,12 +80,13 @@ TEST(Scene, BrokenFilesAreOneLineErrors) {
       {"[1, 2]", ErrorCode::kInvalidInput},
       {"{\"format\": \"something\"}", ErrorCode::kInvalidInput},
       {good.substr(0, good.size() / 2), ErrorCode::kInvalidInput},
-      {Replaced(good, "\"version\": 1", "\"version\": 99"), ErrorCode::kVersion},
+      {Replaced(good, "\"version\": 2", "\"version\": 99"), ErrorCode::kVersion},
       {Replaced(good, "\"width-px\": 600", "\"width-px\": -600"), ErrorCode::kInvalidInput},
       {Replaced(good, "\"width-px\": 600", "\"width-px\": 1e300"), ErrorCode::kInvalidInput},
       {Replaced(good, "\"width-px\": 600", "\"width-px\": \"wide\""), ErrorCode::kInvalidInput},
       {Replaced(good, "\"noise\"", "\"noize\""), ErrorCode::kInvalidInput},
-      {Replaced(good, "\"bits\": 8", "\"bits\": 12"), ErrorCode::kInvalidInput},
+      {Replaced(good, "\"bits\": \"8\"", "\"bits\": \"12\""), ErrorCode::kInvalidInput},
+      {Replaced(good, "\"bits\": \"8\"", "\"bits\": 8"), ErrorCode::kInvalidInput},
       {Replaced(good, "\"OPENCV\"", "\"HOLGA\""), ErrorCode::kInvalidInput},
       {Replaced(good, "\"k1\": -0.06", "\"k1\": -60.0"), ErrorCode::kInvalidInput},
       {Replaced(good, "image_0002.jpg", "image_0001.jpg"), ErrorCode::kInvalidInput},
@@ -119,11 +120,24 @@ TEST(Scene, ContradictoryOptionsAreUsageErrors) {
     }
     return ErrorCode::kInternal;
   };
-  EXPECT_EQ(code([](SceneOptions& o) { o.bits = 16; }), ErrorCode::kUsage);
-  EXPECT_EQ(code([](SceneOptions& o) { o.bits = 12; }), ErrorCode::kUsage);
+  EXPECT_EQ(code([](SceneOptions& o) { o.bits = "16"; }), ErrorCode::kUsage);
+  EXPECT_EQ(code([](SceneOptions& o) { o.bits = "12"; }), ErrorCode::kUsage);
   EXPECT_EQ(code([](SceneOptions& o) { o.distance_m = 0.5; }), ErrorCode::kUsage);
   EXPECT_EQ(code([](SceneOptions& o) { o.surface = "cube"; }), ErrorCode::kUsage);
   EXPECT_EQ(code([](SceneOptions& o) { o.strips = 13; }), ErrorCode::kUsage);
+}
+
+TEST(Scene, WarnsOfRingsWithWideSteps) {
+  const auto warnings = [](const char* surface, const char* network, int images) {
+    SceneOptions options = Options(surface, network);
+    options.images = images;
+    return SceneWarnings(options);
+  };
+  ASSERT_EQ(warnings("sphere", "ring", 23).size(), 1U);
+  EXPECT_NE(warnings("statue", "ring", 12)[0].find("use 24 or more"), std::string::npos);
+  EXPECT_TRUE(warnings("sphere", "ring", 24).empty());
+  EXPECT_TRUE(warnings("relief", "ring", 4).empty());
+  EXPECT_TRUE(warnings("sphere", "arc", 4).empty());
 }
 
 TEST(RayGrid, InterpolatesTheInverseDistortion) {

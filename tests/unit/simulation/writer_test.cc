@@ -31,7 +31,7 @@ class WriterTest : public testing::Test {
     options.height_px = 150;
     options.surface_points = 3000;
     options.format = format;
-    options.bits = bits;
+    options.bits = std::to_string(bits);
     return options;
   }
   fs::path folder_;
@@ -71,15 +71,15 @@ TEST_F(WriterTest, ImagesHoldTheRenderedPixelsAndExif) {
   }
 }
 
-TEST_F(WriterTest, AWholeSceneHasItsTruthBesideIt) {
+TEST_F(WriterTest, AWholeBlockHasItsTruthBesideIt) {
   WriteOptions options;
   options.depth = true;
   options.points = 200;
   const Scene scene = MakeScene(Options("png", 8));
-  SerialRunContext context;
-  WriteScene(scene, folder_, options, context);
-  EXPECT_EQ(SceneText(ReadSceneFile(folder_ / "scene.json")), SceneText(scene));
   const Renderer renderer(scene);
+  WriteSceneData(renderer, folder_, options);
+  for (const fs::path& path : SceneDataPaths(folder_)) EXPECT_TRUE(fs::is_regular_file(path)) << path;
+  for (std::size_t i = 0; i < scene.names.size(); ++i) WriteMissing(renderer, i, folder_, options);
 
   std::istringstream poses(ReadText(folder_ / "truth" / "poses.txt"));
   std::string line;
