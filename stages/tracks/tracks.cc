@@ -221,13 +221,15 @@ std::vector<Track> Collect(const Nodes& nodes, Components& components) {
 
 }  // namespace
 
-TaskCost Estimate(std::size_t matches_in_all) {
-  // A match brings at most two nodes (feature 4 bytes, sets 32, image lists 12, track number 4, element 8), repetitions
-  // before they are dropped included, and at most one track (vector 24, head of its block 16) for two nodes.
-  constexpr std::uint64_t kBytesPerNode = 4 + 32 + 12 + 4 + 8;
+TaskCost Estimate(std::size_t matches_in_all, std::size_t features_in_all) {
+  // A match brings two features of 4 bytes, repetitions before they are dropped included. Each different one makes a
+  // node (sets 32, image lists 12, track number 4, element 8), two nodes make at most one track (vector 24, head of its
+  // block 16).
+  constexpr std::uint64_t kBytesPerNode = 32 + 12 + 4 + 8;
   constexpr std::uint64_t kBytesPerTrack = 24 + 16;
-  const auto matches = static_cast<std::uint64_t>(matches_in_all);
-  return {.peak_bytes = (1 << 20) + matches * (2 * kBytesPerNode + kBytesPerTrack),
+  const auto repeated = 2 * static_cast<std::uint64_t>(matches_in_all);
+  const std::uint64_t nodes = std::min<std::uint64_t>(repeated, features_in_all);
+  return {.peak_bytes = (1 << 20) + repeated * 4 + nodes * (kBytesPerNode + kBytesPerTrack / 2),
           .work = 8e-7 * static_cast<double>(matches_in_all)};
 }
 

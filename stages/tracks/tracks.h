@@ -1,6 +1,8 @@
 // Tie points: verified matches of all pairs concatenated into tracks.
 #pragma once
 
+#include <cstddef>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -13,7 +15,8 @@ namespace rilievo::tracks {
 
 inline constexpr int kVersion = 1;
 
-TaskCost Estimate(std::size_t matches_in_all);
+/// `features_in_all` bounds what many matches of the same features can become, where it is known.
+TaskCost Estimate(std::size_t matches_in_all, std::size_t features_in_all = std::numeric_limits<std::size_t>::max());
 
 /// Union-find over (image, feature). Edges are taken in descending support (inliers of the pair, then pair and match order);
 /// a merge that would put two features of one image into one track is refused (SPEC 2.2). Only tracks of >= 2 images are

@@ -2,6 +2,10 @@
 #include "stages/mapping/mapping.h"
 
 #include <gtest/gtest.h>
+#include <malloc.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
@@ -278,6 +282,73 @@ TEST(Mapping, BytesDependNeitherOnTheOrderOfInputNorOnTheRun) {
   ASSERT_EQ(first.models.size(), 1u);
   ASSERT_EQ(second.models.size(), 1u);
   EXPECT_TRUE(SameBits(first.models[0], second.models[0]));
+}
+
+/// Cuts all tracks to two rays: the most points that as many rays can make.
+void CutTracksInTwo(SyntheticBlock& b) {
+  std::vector<Track> tracks;
+  std::vector<std::uint32_t> point_of_track;
+  for (std::size_t t = 0; t < b.tracks.size(); ++t) {
+    const auto& elements = b.tracks[t].elements;
+    // Every fourth stays whole: pairs alone would not hang together.
+    const std::size_t length = t % 4 == 0 ? elements.size() : 2;
+    for (std::size_t begin = 0; begin + 1 < elements.size(); begin += length) {
+      const auto first = elements.begin() + static_cast<std::ptrdiff_t>(begin);
+      Track& track = tracks.emplace_back();
+      track.elements.assign(first, first + static_cast<std::ptrdiff_t>(std::min(length, elements.size() - begin)));
+      point_of_track.push_back(b.point_of_track[t]);
+    }
+  }
+  b.tracks = std::move(tracks);
+  b.point_of_track = std::move(point_of_track);
+}
+
+/// Growth of the high-water mark, in a process of its own because the mark never falls. Bytes; 0 = it failed.
+std::uint64_t PeakBytesOfMapping(const SyntheticBlock& b) {
+  int pipe_ends[2];
+  if (pipe(pipe_ends) != 0) return 0;
+  const pid_t child = fork();
+  if (child == 0) {
+    malloc_trim(0);
+    rusage before{}, after{};
+    getrusage(RUSAGE_SELF, &before);
+    const bool whole = Map(b).models.size() == 1;
+    getrusage(RUSAGE_SELF, &after);
+    const std::uint64_t grown = whole ? static_cast<std::uint64_t>(after.ru_maxrss - before.ru_maxrss) * 1024 : 0;
+    _exit(write(pipe_ends[1], &grown, sizeof grown) == sizeof grown ? 0 : 1);
+  }
+  std::uint64_t grown = 0;
+  if (read(pipe_ends[0], &grown, sizeof grown) != static_cast<ssize_t>(sizeof grown)) grown = 0;
+  waitpid(child, nullptr, 0);
+  close(pipe_ends[0]);
+  close(pipe_ends[1]);
+  return grown;
+}
+
+TEST(Mapping, TheEstimateIsAnUpperBoundOfTheMemory) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "a sanitizer's own memory would be measured";
+#endif
+  SyntheticOptions o;
+  o.layout = Layout::kRing;
+  o.object = Object::kSphere;
+  o.images = 16;
+  o.points = 20000;
+  o.noise_px = 0.3;
+  SyntheticBlock b = MakeSyntheticBlock(o);
+  for (const bool cut : {false, true}) {
+    if (cut) CutTracksInTwo(b);
+    std::size_t features = 0, matches = 0;
+    for (const auto& keypoints : b.keypoints) features += keypoints.size();
+    for (const auto& pair : b.pairs) matches += pair.inliers.size();
+    const std::uint64_t measured = PeakBytesOfMapping(b);
+    ASSERT_GT(measured, 0u);
+    const double ratio = static_cast<double>(mapping::Estimate(b.block.images.size(), features, matches).peak_bytes) /
+                         static_cast<double>(measured);
+    RecordProperty(cut ? "short_tracks" : "long_tracks", std::to_string(ratio));
+    EXPECT_GE(ratio, 1.05) << measured;
+    EXPECT_LE(ratio, 2.5) << measured;
+  }
 }
 
 TEST(Mapping, StopsWhenAsked) {

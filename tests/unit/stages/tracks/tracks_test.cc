@@ -201,6 +201,10 @@ TEST(Tracks, TheEstimateCoversTheTracksAlone) {
   std::uint64_t held = 0;
   for (const auto& elements : Concatenate(pairs)) held += sizeof(Track) + elements.size() * sizeof(FeatureRef);
   EXPECT_GT(Estimate(matches).peak_bytes, held);
+  std::size_t features = 0;
+  for (const auto& elements : Concatenate(pairs)) features += elements.size();
+  EXPECT_GT(Estimate(matches, features).peak_bytes, held);
+  EXPECT_LT(Estimate(matches, features).peak_bytes, Estimate(matches).peak_bytes);
 }
 
 TEST(Tracks, AStopRequestEndsALongRun) {
