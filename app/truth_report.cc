@@ -66,9 +66,7 @@ simulation::ModelErrors Evaluate(const std::string& scene_path, const scheduling
   if (!errors)
     throw Error(ErrorCode::kInvalidInput, scene_path, "an alignment with the truth needs three oriented images");
   if (errors->centers_m.rms > kStrange * errors->object_distance_m)
-    fmt::print(stderr,
-               "rilievo: WARNING: {}: the orientation does not resemble this scene at all: is it the right one?\n",
-               scene_path);
+    PrintWarning(context, scene_path + ": the orientation does not resemble this scene at all: is it the right one?");
   return *errors;
 }
 
