@@ -99,6 +99,27 @@ TEST_F(ImageHeader, ExifOfEveryFormat) {
   }
 }
 
+TEST_F(ImageHeader, ExifTextIsUtf8WhateverTheCameraWrote) {
+  const auto path = scratch_.Write("x.jpg", Encode(".jpg", 120, 80, CV_8UC3));
+  {
+    const auto file = Exiv2::ImageFactory::open(path.string());
+    file->readMetadata();
+    Exiv2::ExifData& exif = file->exifData();
+    exif["Exif.Image.Make"] = "Z\xFCrich \x1B[2J\r\n";
+    exif["Exif.Image.Model"] = std::string("X\xC3\0junk", 7);
+    exif["Exif.Photo.BodySerialNumber"] = "08\n15  ";
+    exif["Exif.Photo.LensModel"] = "\xC3\x84";
+    exif["Exif.Photo.DateTimeOriginal"] = "\xFF\xFF";
+    file->writeMetadata();
+  }
+  const ExifData exif = ReadImageHeader(scratch_.path(), "x.jpg").exif;
+  EXPECT_EQ(exif.make, "Z\xEF\xBF\xBDrich [2J");
+  EXPECT_EQ(exif.model, "X\xEF\xBF\xBD");
+  EXPECT_EQ(exif.serial, "0815");
+  EXPECT_EQ(exif.lens, "\xC3\x84");
+  EXPECT_EQ(exif.date_time, "\xEF\xBF\xBD\xEF\xBF\xBD");
+}
+
 TEST_F(ImageHeader, DamagedExifLosesOnlyTheExif) {
   std::string jpeg = Encode(".jpg", 120, 80, CV_8UC3);
   jpeg.insert(2, std::string("\xFF\xE1\x00\x14"
