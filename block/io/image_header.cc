@@ -117,11 +117,6 @@ ExifData ReadExif(const std::filesystem::path& path, const FormatHeader& header)
 Image ReadImageHeader(const std::filesystem::path& folder, const std::string& name) {
   const std::filesystem::path path = folder / name;
   const FormatHeader header = ReadFormatHeader(path);
-  if (header.width_px <= 0 || header.height_px <= 0 || header.width_px > kMaxImagePixels / header.height_px)
-    throw Error(
-        ErrorCode::kInvalidInput, path.string(),
-        "implausible image size " + std::to_string(header.width_px) + " x " + std::to_string(header.height_px) + " px",
-        "images have 1 to 500 million pixels; export the image again");
   Image image;
   image.name = name;
   image.width_px = static_cast<int>(header.width_px);
