@@ -69,7 +69,7 @@ std::size_t OnlyOne(const Image& image, const std::vector<std::size_t>& fitting,
   throw Error(ErrorCode::kInvalidInput, image.name,
               std::to_string(fitting.size()) + " calibrations fit this image equally: " + entries[fitting[0]].label +
                   "; " + entries[fitting[1]].label,
-              "keep one a size, or give each a folder in the calibration's TOML");
+              "keep one of them, or write a TOML with a [[camera]] and its folder = for each, e.g. left and right");
 }
 
 /// The entry for an image; none when no entry is for its folder. Throws when those that are do not fit it.
@@ -162,7 +162,8 @@ void AssignFromExif(Block& block, std::vector<std::string>& warnings) {
     const bool guessed = camera.source == CalibrationSource::kGuessed;
     char focal[32];
     std::snprintf(focal, sizeof focal, "%.1f px", camera.model.fx);
-    const std::string who = std::to_string(image_count[camera.id.value]) + " images of " +
+    const std::size_t count = image_count[camera.id.value];
+    const std::string who = std::to_string(count) + (count == 1 ? " image of " : " images of ") +
                             SizeText(camera.width_px, camera.height_px) + " px, " + camera.label;
     warnings.push_back(guessed ? "NO CALIBRATION AND NO FOCAL LENGTH IN EXIF (" + who + "): focal length guessed as " +
                                      focal + "; shape and scale of the result are unreliable; give --calibration"

@@ -1,8 +1,7 @@
-// Reads and writes camera calibrations (docs/formats/calibration.md).
+// Reads camera calibrations (docs/formats/calibration.md).
 #pragma once
 
 #include <filesystem>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -27,8 +26,5 @@ struct CalibrationEntry {
 /// other format, missing or superfluous numbers, NaN, focal lengths that are not positive, skew, models that are not
 /// supported.
 std::vector<CalibrationEntry> ReadCalibration(const std::filesystem::path& path, PixelOrigin text_origin);
-
-/// The entries as this project's TOML; reads back exactly.
-std::string WriteCalibrationToml(std::span<const CalibrationEntry> entries);
 
 }  // namespace rilievo::io

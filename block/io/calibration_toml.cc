@@ -1,4 +1,4 @@
-// This project's calibration format in TOML: reader and writer.
+// This project's calibration format in TOML.
 #include <array>
 #include <sstream>
 #include <toml.hpp>
@@ -6,7 +6,6 @@
 
 #include "block/io/calibration_formats.h"
 #include "block/io/camera_params.h"
-#include "block/io/text.h"
 
 namespace rilievo::io {
 namespace {
@@ -91,28 +90,6 @@ CalibrationEntry ReadCamera(const std::string& path, const toml::value& camera) 
   return entry;
 }
 
-std::string Quoted(const std::string& text) {
-  static constexpr char kDigits[] = "0123456789abcdef";
-  std::string quoted = "\"";
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (c == '"' || c == '\\')
-      quoted += std::string("\\") + c;
-    else if (byte < 0x20 || byte == 0x7F)
-      quoted += std::string("\\u00") + kDigits[byte >> 4] + kDigits[byte & 15];
-    else
-      quoted += c;
-  }
-  return quoted + "\"";
-}
-
-/// TOML floats need a point or an exponent, and digits on both sides of the point.
-std::string Float(double value) {
-  std::string text = ExactText(value);
-  if (text.find_first_of(".e") == std::string::npos) text += ".0";
-  return text;
-}
-
 }  // namespace
 
 std::vector<CalibrationEntry> ParseToml(const std::string& path, const std::string& content) {
@@ -145,24 +122,6 @@ std::vector<CalibrationEntry> ParseToml(const std::string& path, const std::stri
   std::vector<CalibrationEntry> entries;
   for (const toml::value& camera : table.at("camera").as_array()) entries.push_back(ReadCamera(path, camera));
   return entries;
-}
-
-std::string WriteCalibrationToml(std::span<const CalibrationEntry> entries) {
-  std::string text = "format = \"rilievo-calibration\"\nversion = 1\n";
-  for (const CalibrationEntry& entry : entries) {
-    text += "\n[[camera]]\n";
-    if (!entry.label.empty()) text += "label = " + Quoted(entry.label) + "\n";
-    if (!entry.folder.empty()) text += "folder = " + Quoted(entry.folder) + "\n";
-    if (entry.width_px > 0)
-      text +=
-          "width_px = " + std::to_string(entry.width_px) + "\nheight_px = " + std::to_string(entry.height_px) + "\n";
-    text += "model = \"" + std::string(CameraModelName(entry.model.kind)) + "\"\n";
-    for (std::size_t i = 0; i < kNumbers.size(); ++i) {
-      const double value = entry.model.*kNumbers[i].second;
-      if (i < kRequired || value != 0) text += std::string(kNumbers[i].first) + " = " + Float(value) + "\n";
-    }
-  }
-  return text;
 }
 
 }  // namespace rilievo::io

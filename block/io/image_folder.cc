@@ -11,6 +11,7 @@
 
 #include "base/error.h"
 #include "block/io/text.h"
+#include "block/io/utf8.h"
 
 namespace rilievo::io {
 namespace fs = std::filesystem;
@@ -34,42 +35,6 @@ bool Contains(const std::array<std::string_view, N>& list, std::string_view text
   return std::find(list.begin(), list.end(), text) != list.end();
 }
 
-/// Well-formed UTF-8: reports and exports are UTF-8, so other names could not be written down. Table 3-7 of the Unicode
-/// standard.
-bool IsUtf8(std::string_view text) {
-  for (std::size_t i = 0; i < text.size();) {
-    const auto byte = [&](std::size_t k) { return k < text.size() ? static_cast<unsigned char>(text[k]) : 0U; };
-    const unsigned lead = byte(i);
-    const int tail = lead < 0x80                   ? 0
-                     : lead >= 0xC2 && lead < 0xE0 ? 1
-                     : lead >= 0xE0 && lead < 0xF0 ? 2
-                     : lead >= 0xF0 && lead < 0xF5 ? 3
-                                                   : -1;
-    if (tail < 0) return false;
-    for (int k = 1; k <= tail; ++k)
-      if ((byte(i + k) & 0xC0U) != 0x80U) return false;
-    const unsigned second = byte(i + 1);
-    if ((lead == 0xE0 && second < 0xA0) || (lead == 0xED && second > 0x9F)) return false;
-    if ((lead == 0xF0 && second < 0x90) || (lead == 0xF4 && second > 0x8F)) return false;
-    i += static_cast<std::size_t>(tail) + 1;
-  }
-  return true;
-}
-
-/// Bytes outside UTF-8 as \xNN, for the report.
-std::string Printable(std::string_view name) {
-  static constexpr char kDigits[] = "0123456789abcdef";
-  std::string text;
-  for (const char c : name) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (byte < 0x80)
-      text += c;
-    else
-      text += std::string("\\x") + kDigits[byte >> 4] + kDigits[byte & 15];
-  }
-  return text;
-}
-
 void AddFile(const fs::directory_entry& entry, const std::string& name, FoundImages& found) {
   const std::string extension = LowerExtension(entry.path());
   const bool is_image = Contains(kImageExtensions, extension), is_other = Contains(kOtherPhotoExtensions, extension);
@@ -84,12 +49,40 @@ void AddFile(const fs::directory_entry& entry, const std::string& name, FoundIma
           {Printable(name), "format " + extension.substr(1) + " is not read; convert it to JPEG, PNG or TIFF"});
     else if (!IsUtf8(name))
       found.ignored.push_back({Printable(name), "file name is not UTF-8; rename the file"});
+    else if (HasControls(name))
+      found.ignored.push_back({Printable(name), "file or folder name has control characters; rename it"});
     else
       found.names.push_back(name);
   }
 }
 
 std::string Unreadable(const std::error_code& ec) { return "cannot be read: " + ec.message(); }
+
+/// A folder still to be searched; `name` is relative to the image folder, empty for itself.
+struct OpenFolder {
+  fs::path path;
+  std::string name;
+};
+
+/// Sorts the entries of one folder into `found`; its subfolders go to `open`. Returns why reading it ended early.
+std::error_code SearchFolder(const OpenFolder& folder, FoundImages& found, std::vector<OpenFolder>& open) {
+  std::error_code ec;
+  fs::directory_iterator walk(folder.path, ec);
+  for (const fs::directory_iterator end; !ec && walk != end; walk.increment(ec)) {
+    const std::string base_name = walk->path().filename().string();
+    if (base_name.starts_with('.')) continue;
+    const std::string name = folder.name.empty() ? base_name : folder.name + "/" + base_name;
+    std::error_code status_ec;  // an entry that cannot be looked at is AddFile's matter
+    if (!walk->is_directory(status_ec))
+      AddFile(*walk, name, found);
+    else if (walk->is_symlink(status_ec))
+      found.ignored.push_back(
+          {Printable(name), "link to a folder is not followed; put the folder itself, or links to its files, here"});
+    else
+      open.push_back({walk->path(), name});
+  }
+  return ec;
+}
 
 }  // namespace
 
@@ -129,20 +122,16 @@ FoundImages FindImages(const fs::path& folder) {
     throw Error(ErrorCode::kInvalidInput, folder.string(), "is not a folder", "name the folder that holds the images");
 
   FoundImages found;
-  fs::recursive_directory_iterator walk(folder, ec);
-  if (ec) throw Error(ErrorCode::kUnreadable, folder.string(), Unreadable(ec), "check its permissions");
-  for (const fs::recursive_directory_iterator end; walk != end; walk.increment(ec)) {
-    if (ec)
-      throw Error(ErrorCode::kUnreadable, folder.string(), Unreadable(ec), "check the permissions of its subfolders");
-    const fs::path relative = walk->path().lexically_relative(folder);
-    if (relative.filename().string().starts_with('.')) {
-      walk.disable_recursion_pending();
-      continue;
-    }
-    AddFile(*walk, relative.generic_string(), found);
+  std::vector<OpenFolder> open{{folder, ""}};
+  while (!open.empty()) {
+    const OpenFolder next = std::move(open.back());
+    open.pop_back();
+    ec = SearchFolder(next, found, open);
+    if (!ec) continue;
+    if (next.name.empty())
+      throw Error(ErrorCode::kUnreadable, folder.string(), Unreadable(ec), "check its permissions");
+    found.ignored.push_back({Printable(next.name), "folder " + Unreadable(ec)});
   }
-  if (ec)
-    throw Error(ErrorCode::kUnreadable, folder.string(), Unreadable(ec), "check the permissions of its subfolders");
   std::sort(found.names.begin(), found.names.end(), NaturalLess);
   std::sort(found.ignored.begin(), found.ignored.end(),
             [](const auto& a, const auto& b) { return NaturalLess(a.name, b.name); });
@@ -180,7 +169,7 @@ std::vector<std::string> ReadOrderFile(const fs::path& path, std::span<const std
                   "write one image name a line, as in the image folder");
       }
       if (base->second.size() > 1)
-        throw bad("'" + name + "' may be " + base->second[0] + " or " + base->second[1],
+        throw bad("'" + Printable(name) + "' may be " + base->second[0] + " or " + base->second[1],
                   "write the name with its folder");
       name = base->second.front();
     }

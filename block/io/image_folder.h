@@ -12,7 +12,8 @@
 namespace rilievo::io {
 
 /// `names`: relative to the folder, '/' separated, in natural order. `ignored`: files that look like photographs and
-/// cannot be used (broken links, names that are not UTF-8, raw formats), with the reason.
+/// cannot be used (broken links, names that are not UTF-8 or hold control characters, raw formats) and folders that
+/// were not searched (unreadable, links), with the reason; their names are Printable.
 struct FoundImages {
   std::vector<std::string> names;
   std::vector<QuarantinedImage> ignored;
@@ -23,8 +24,9 @@ struct FoundImages {
 bool NaturalLess(std::string_view a, std::string_view b);
 
 /// Searches `folder` and its subfolders for .jpg .jpeg .png .tif .tiff (any case). Hidden files and folders and
-/// everything that is not a file is skipped; other files are silently no images; links to files are followed, links to
-/// folders below `folder` are not. Throws Error when the folder is missing, is a file, cannot be read or has no image.
+/// everything that is not a file is skipped; other files are silently no images; links to files are followed. Links to
+/// folders below `folder` are not followed (they may lead in circles) and subfolders that cannot be read do not end the
+/// search: both are `ignored`. Throws Error when the folder is missing, is a file, cannot be read or has no image.
 FoundImages FindImages(const std::filesystem::path& folder);
 
 /// The images in the order of a text file (docs/formats/order.md): one name a line, full or base name; '#' starts a

@@ -6,9 +6,11 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <span>
 #include <string>
+#include <utility>
 
 #include "base/error.h"
 
@@ -66,7 +68,38 @@ std::uint64_t ReadNumber(const HeaderFile& file, std::uint64_t offset, int bytes
   return Number(data, bytes, big_endian);
 }
 
-FormatHeader ReadJpeg(const HeaderFile& file) {
+/// What a header says, the bytes there are for pixels, and the fewest that its format needs for that many. Sums in
+/// double: sizes here may still be nonsense.
+struct ParsedHeader {
+  FormatHeader header;
+  double pixel_bytes = 0, least_bytes = 0;
+};
+
+double PixelCount(const FormatHeader& header) {
+  return static_cast<double>(header.width_px) * static_cast<double>(header.height_px);
+}
+
+constexpr double kMostByDeflate = 1032;  ///< RFC 1951: 258 bytes by a length and a distance code of 1 bit each
+
+/// The least that Huffman-coded JPEG takes for a frame whose sampling factors are at `at` in the file: in a sequential
+/// file every 8x8 block has a DC code and an end of block of 1 bit each (T.81, F.1.2), in a progressive one the DC code
+/// alone (G.1.2: one code may end 32767 blocks). Counted for the most finely sampled component only.
+double LeastJpegBytes(const HeaderFile& file, std::uint64_t at, const FormatHeader& header, bool is_progressive) {
+  std::uint64_t finest = 0, widest = 1, highest = 1;
+  for (int i = 0; i < header.channels; ++i) {
+    const auto factors = ReadNumber(file, at + 3 * static_cast<std::uint64_t>(i) + 1, 1, true);
+    const std::uint64_t horizontal = factors >> 4, vertical = factors & 15;
+    if (horizontal < 1 || horizontal > 4 || vertical < 1 || vertical > 4)
+      throw file.Bad("corrupt JPEG header: impossible sampling factors");
+    finest = std::max(finest, horizontal * vertical);
+    widest = std::max(widest, horizontal);
+    highest = std::max(highest, vertical);
+  }
+  const double blocks = PixelCount(header) / 64 * static_cast<double>(finest) / static_cast<double>(widest * highest);
+  return blocks * (is_progressive ? 1 : 2) / 8;
+}
+
+ParsedHeader ReadJpeg(const HeaderFile& file) {
   static constexpr std::array<std::uint8_t, 6> kExif{'E', 'x', 'i', 'f', 0, 0};
   FormatHeader header;
   for (std::uint64_t at = 2;;) {
@@ -98,13 +131,14 @@ FormatHeader ReadJpeg(const HeaderFile& file) {
       if (header.channels == 4) throw file.Unsupported("CMYK JPEG is not read");
       if (header.channels != 1 && header.channels != 3)
         throw file.Bad("corrupt JPEG header: impossible number of channels");
-      return header;
+      const double least_bytes = LeastJpegBytes(file, at + 10, header, marker == 0xC2);
+      return {std::move(header), static_cast<double>(file.size()), least_bytes};
     }
     at += 2 + length;
   }
 }
 
-FormatHeader ReadPng(const HeaderFile& file) {
+ParsedHeader ReadPng(const HeaderFile& file) {
   FormatHeader header;
   header.format = ImageFormat::kPng;
   std::array<std::uint8_t, 25> first;  // length, "IHDR", 13 bytes, CRC
@@ -122,7 +156,9 @@ FormatHeader ReadPng(const HeaderFile& file) {
   const bool plausible = (depth == 1 || depth == 2 || depth == 4 || depth == 8 || depth == 16) &&
                          (color == 0 || color == 2 || color == 3 || color == 4 || color == 6);
   if (!plausible) throw file.Bad("corrupt PNG header: impossible sample format");
-  return header;
+  const int stored_channels = color == 3 ? 1 : header.channels;
+  const double raw_bytes = PixelCount(header) * stored_channels * static_cast<double>(depth) / 8;
+  return {header, static_cast<double>(file.size()), raw_bytes / kMostByDeflate};
 }
 
 struct TiffLayout {
@@ -152,7 +188,8 @@ std::vector<std::uint64_t> TiffValues(const HeaderFile& file, std::uint64_t entr
 
 /// The tags that matter here, of the first directory.
 struct TiffTags {
-  std::uint64_t width_px = 0, height_px = 0, channels = 1, photometric = 1, sample_format = 1, orientation_at = 0;
+  std::uint64_t width_px = 0, height_px = 0, channels = 1, photometric = 1, sample_format = 1, orientation_at = 0,
+                compression = 1;
   std::vector<std::uint64_t> bits{1}, offsets, byte_counts;
 };
 
@@ -172,6 +209,9 @@ TiffTags ReadTiffTags(const HeaderFile& file, const TiffLayout& layout) {
         break;
       case 258:
         tags.bits = TiffValues(file, entry, layout);
+        break;
+      case 259:
+        tags.compression = TiffValues(file, entry, layout)[0];
         break;
       case 262:
         tags.photometric = TiffValues(file, entry, layout)[0];
@@ -200,7 +240,40 @@ TiffTags ReadTiffTags(const HeaderFile& file, const TiffLayout& layout) {
   return tags;
 }
 
-FormatHeader ReadTiff(const HeaderFile& file, bool big_endian) {
+/// The most bytes of pixels that a byte of a TIFF's strips can make; 0 = no bound is known.
+double MostPerByteOfTiff(std::uint64_t compression) {
+  switch (compression) {
+    case 1:  // none
+      return 1;
+    case 5:  // LZW: 4096 codes of at least 9 bits; a code's string is at most a byte longer than one before
+      return 4096.0 * 8 / 9;
+    case 7:  // JPEG: a bit for 64 samples
+      return 512;
+    case 8:
+    case 32946:
+      return kMostByDeflate;
+    case 32773:  // PackBits: 128 bytes by two
+      return 64;
+    case 34925:  // LZMA: 273 bytes by 14 decisions of at least log2(2048 / 2017) bits, about 7100
+    case 50000:  // Zstandard: 128 KiB by a repeat block of 4 bytes
+      return 32768;
+    default:
+      return 0;
+  }
+}
+
+/// Strips may share bytes, and careless writers leave their lengths 0: what counts is the larger of strips and file.
+/// Colours of YCbCr may be subsampled to next to nothing.
+ParsedHeader WithTiffBytes(const HeaderFile& file, const TiffTags& tags, const FormatHeader& header) {
+  double strips = 0;
+  for (const std::uint64_t bytes : tags.byte_counts) strips += static_cast<double>(bytes);
+  const double stored_channels = tags.photometric == 3 || tags.photometric == 6 ? 1 : header.channels;
+  const double raw_bytes = PixelCount(header) * stored_channels * header.bits_per_sample / 8;
+  const double most = MostPerByteOfTiff(tags.compression);
+  return {header, std::max(strips, static_cast<double>(file.size())), most > 0 ? raw_bytes / most : 0};
+}
+
+ParsedHeader ReadTiff(const HeaderFile& file, bool big_endian) {
   const TiffLayout layout{big_endian, ReadNumber(file, 2, 2, big_endian) == 43};
   const TiffTags tags = ReadTiffTags(file, layout);
   FormatHeader header;
@@ -226,14 +299,11 @@ FormatHeader ReadTiff(const HeaderFile& file, bool big_endian) {
   for (std::size_t i = 0; i < tags.offsets.size(); ++i)
     if (tags.offsets[i] > file.size() || tags.byte_counts[i] > file.size() - tags.offsets[i])
       throw file.Bad("truncated: the TIFF's pixels end after the file does");
-  return header;
+  return WithTiffBytes(file, tags, header);
 }
 
-}  // namespace
-
-FormatHeader ReadFormatHeader(const std::filesystem::path& path) {
+ParsedHeader Parse(const HeaderFile& file, const std::filesystem::path& path) {
   static constexpr std::array<std::uint8_t, 8> kPngSignature{0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
-  const HeaderFile file(path);
   std::array<std::uint8_t, 8> magic{};
   file.Read(0, std::span(magic).first(std::min<std::size_t>(file.size(), magic.size())));
   if (magic[0] == 0xFF && magic[1] == 0xD8) return ReadJpeg(file);
@@ -243,6 +313,22 @@ FormatHeader ReadFormatHeader(const std::filesystem::path& path) {
   if (little || big) return ReadTiff(file, big);
   throw Error(ErrorCode::kInvalidInput, path.string(), "is named like an image but is no JPEG, PNG or TIFF",
               "remove it from the folder or export the image again");
+}
+
+}  // namespace
+
+FormatHeader ReadFormatHeader(const std::filesystem::path& path) {
+  const HeaderFile file(path);
+  ParsedHeader parsed = Parse(file, path);
+  const FormatHeader& header = parsed.header;
+  const std::string size = std::to_string(header.width_px) + " x " + std::to_string(header.height_px) + " px";
+  if (header.width_px <= 0 || header.height_px <= 0 || header.width_px > kMaxImagePixels / header.height_px)
+    throw Error(ErrorCode::kInvalidInput, path.string(), "implausible image size " + size,
+                "images have 1 to 500 million pixels; export the image again");
+  if (parsed.pixel_bytes < std::floor(parsed.least_bytes))
+    throw file.Bad("truncated or corrupt: its header says " + size + ", for which " + std::to_string(file.size()) +
+                   " bytes cannot be enough");
+  return std::move(parsed.header);
 }
 
 }  // namespace rilievo::io

@@ -23,8 +23,12 @@ struct FormatHeader {
   bool is_big_endian = false;
 };
 
-/// Reads the header of an image file. Throws Error naming `path`; a TIFF whose strips or tiles end outside the file is
-/// truncated.
+/// Largest image that is accepted, in pixels.
+inline constexpr long long kMaxImagePixels = 500'000'000;
+
+/// Reads the header of an image file. Throws Error naming `path`, also for an implausible size, a TIFF whose strips or
+/// tiles end outside the file, and a file that is shorter than its format can make an image of that size: memory is
+/// planned by the header, so a few broken bytes must not ask for gigabytes.
 FormatHeader ReadFormatHeader(const std::filesystem::path& path);
 
 }  // namespace rilievo::io

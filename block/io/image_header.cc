@@ -7,7 +7,7 @@
 
 #include "base/error.h"
 #include "block/io/image_format.h"
-#include "block/io/text.h"
+#include "block/io/utf8.h"
 
 namespace rilievo::io {
 namespace {
@@ -25,11 +25,12 @@ const Exiv2::Exifdatum* Find(const Exiv2::ExifData& data, const char* key) {
   return found == data.end() || found->count() == 0 ? nullptr : &*found;
 }
 
+/// Cameras write any bytes: a Latin-1 name must not break a report.
 std::string TextOf(const Exiv2::ExifData& data, const char* key) {
   const auto* datum = Find(data, key);
   if (!datum) return {};
   const std::string text = datum->toString();
-  return std::string(Trim(std::string_view(text).substr(0, text.find('\0'))));
+  return CleanText(std::string_view(text).substr(0, text.find('\0')));
 }
 
 /// A finite number; 0 when absent or of denominator 0.
@@ -84,12 +85,10 @@ ExifData Extract(const Exiv2::ExifData& data) {
   exif.model = TextOf(data, "Exif.Image.Model");
   exif.serial = TextOf(data, "Exif.Photo.BodySerialNumber");
   if (exif.serial.empty())
-    if (const auto maker = Exiv2::serialNumber(data); maker != data.end())
-      exif.serial = std::string(Trim(maker->print(&data)));
+    if (const auto maker = Exiv2::serialNumber(data); maker != data.end()) exif.serial = CleanText(maker->print(&data));
   exif.lens = TextOf(data, "Exif.Photo.LensModel");
   if (exif.lens.empty())
-    if (const auto maker = Exiv2::lensName(data); maker != data.end())
-      exif.lens = std::string(Trim(maker->print(&data)));
+    if (const auto maker = Exiv2::lensName(data); maker != data.end()) exif.lens = CleanText(maker->print(&data));
   exif.date_time = TextOf(data, "Exif.Photo.DateTimeOriginal");
   exif.gnss = GnssOf(data);
   exif.focal_plane_x_res_per_mm = FocalPlaneResolutionPerMm(data);
@@ -118,11 +117,6 @@ ExifData ReadExif(const std::filesystem::path& path, const FormatHeader& header)
 Image ReadImageHeader(const std::filesystem::path& folder, const std::string& name) {
   const std::filesystem::path path = folder / name;
   const FormatHeader header = ReadFormatHeader(path);
-  if (header.width_px <= 0 || header.height_px <= 0 || header.width_px > kMaxImagePixels / header.height_px)
-    throw Error(
-        ErrorCode::kInvalidInput, path.string(),
-        "implausible image size " + std::to_string(header.width_px) + " x " + std::to_string(header.height_px) + " px",
-        "images have 1 to 500 million pixels; export the image again");
   Image image;
   image.name = name;
   image.width_px = static_cast<int>(header.width_px);

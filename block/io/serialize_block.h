@@ -1,15 +1,13 @@
-// Blocks, features, pairs, tracks and models as bytes: the payloads of artifacts.
+// Features, pairs and models as bytes: the payloads of artifacts.
 #pragma once
 
 #include <cstddef>
 #include <span>
 #include <vector>
 
-#include "block/block.h"
 #include "block/features.h"
 #include "block/model.h"
 #include "block/pair.h"
-#include "block/track.h"
 
 namespace rilievo::io {
 
@@ -21,20 +19,14 @@ struct MappingResult {
 
 /// Each begins with a kind and a version number; equal values give equal bytes, and reading gives the value back to the
 /// bit. Cost: one copy of the data.
-std::vector<std::byte> Serialize(const Block& block);
 std::vector<std::byte> Serialize(const ImageFeatures& features);
 std::vector<std::byte> Serialize(std::span<const TwoViewGeometry> pairs);
-std::vector<std::byte> Serialize(std::span<const PairMatches> matches);
-std::vector<std::byte> Serialize(std::span<const Track> tracks);
 std::vector<std::byte> Serialize(const MappingResult& result);
 
 /// Throw Error(kVersion) for data of another kind or version and Error(kInvalidInput) for damaged data (cut off, too
 /// long, ids or counts that contradict each other): nothing outside the bytes is ever read.
-Block DeserializeBlock(std::span<const std::byte> bytes);
 ImageFeatures DeserializeFeatures(std::span<const std::byte> bytes);
 std::vector<TwoViewGeometry> DeserializePairs(std::span<const std::byte> bytes);
-std::vector<PairMatches> DeserializeMatches(std::span<const std::byte> bytes);
-std::vector<Track> DeserializeTracks(std::span<const std::byte> bytes);
 MappingResult DeserializeMapping(std::span<const std::byte> bytes);
 
 }  // namespace rilievo::io

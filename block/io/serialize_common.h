@@ -13,11 +13,8 @@ namespace rilievo::io {
 
 /// Four letters at the start of a payload.
 enum class PayloadKind : std::uint32_t {
-  kBlock = 0x4b4c4252,     // RBLK
   kFeatures = 0x54414652,  // RFAT
   kPairs = 0x52415052,     // RPAR
-  kMatches = 0x54434d52,   // RMCT
-  kTracks = 0x4b525452,    // RTRK
   kMapping = 0x50414d52,   // RMAP
 };
 

@@ -75,7 +75,8 @@ TEST(MakeBlock, CalibrationsThatDoNotFit) {
       Mistake({MakeImage("a", 3072, 2048), MakeImage("b", 3000, 2000)}, {AnySize(Entry(3072, 2048, 2759))}),
       testing::AllOf(HasSubstr("b: one calibration"), HasSubstr("3072 x 2048 px (a)"), HasSubstr("3000 x 2000")));
   EXPECT_THAT(Mistake({MakeImage("a", 60, 40)}, {Entry(60, 40, 50, "", "one"), Entry(60, 40, 51, "", "two")}),
-              HasSubstr("2 calibrations fit this image equally: one; two"));
+              testing::AllOf(HasSubstr("2 calibrations fit this image equally: one; two"),
+                             HasSubstr("TOML with a [[camera]] and its folder =")));
   EXPECT_THAT(Mistake({MakeImage("right/a", 60, 40), MakeImage("b", 60, 40)}, {Entry(60, 40, 50, "left")}),
               HasSubstr("right/a: no calibration is for the folder of this image and 1 more"));
 }
@@ -128,7 +129,9 @@ TEST(MakeBlock, ImagesOfOneCameraShareIt) {
   const auto made = MakeBlock(images, {}, {});
   EXPECT_EQ(made.block.cameras.size(), 3U);
   EXPECT_EQ(made.block.images[0].camera_id, made.block.images[1].camera_id);
-  EXPECT_EQ(made.warnings.size(), 3U);
+  ASSERT_EQ(made.warnings.size(), 3U);
+  EXPECT_THAT(made.warnings[0], HasSubstr("(2 images of 6000 x 4000 px"));
+  EXPECT_THAT(made.warnings[1], HasSubstr("(1 image of 6000 x 4000 px"));
 }
 
 }  // namespace

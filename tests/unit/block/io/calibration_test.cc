@@ -112,23 +112,45 @@ TEST_F(Calibration, ColmapMistakes) {
   EXPECT_THAT(Mistake("1 PINHOLE 10 10 5 -5 5 5"), HasSubstr("focal length is not positive"));
 }
 
-TEST_F(Calibration, TomlReadsBackExactly) {
-  std::vector<CalibrationEntry> entries;
-  for (const auto kind : {CameraModelKind::kSimplePinhole, CameraModelKind::kRadial, CameraModelKind::kFullOpenCv})
-    entries.push_back({TestCamera(kind), 4000, 3000, "", "simulated \"A\\B\" \xC3\xA4\n"});
-  entries.push_back({TestCamera(CameraModelKind::kOpenCv), 0, 0, "left side/a", "b"});
-  entries.back().model.fx = 1e21 / 3;
-  entries.back().model.k1 = 1e-300;
-  const auto read = Read(WriteCalibrationToml(entries));
-  ASSERT_EQ(read.size(), entries.size());
-  for (std::size_t i = 0; i < read.size(); ++i) {
-    EXPECT_EQ(read[i].model.kind, entries[i].model.kind);
-    EXPECT_EQ(CameraParams(read[i].model), CameraParams(entries[i].model));
-    EXPECT_EQ(read[i].width_px, entries[i].width_px);
-    EXPECT_EQ(read[i].height_px, entries[i].height_px);
-    EXPECT_EQ(read[i].folder, entries[i].folder);
-    EXPECT_EQ(read[i].label, entries[i].label);
-  }
+TEST_F(Calibration, TomlGivesNumbersAndTextsExactly) {
+  const auto entries = Read(R"(format = "rilievo-calibration"
+version = 1
+
+[[camera]]
+label = "simulated \"A\\B\" \u00e4\n"
+width_px = 4000
+height_px = 3000
+model = "FULL_OPENCV"
+fx_px = 4400.25
+fy_px = 3.3333333333333331e20
+cx_px = 2000
+cy_px = 1500.1
+k1 = 1e-300
+k2 = -0.2
+k3 = 0.3
+k4 = 0.4
+k5 = 0.5
+k6 = 0.6
+p1 = 0.7
+p2 = 0.8
+[[camera]]
+folder = "left side/a"
+fx_px = 1.0
+fy_px = 2.0
+cx_px = 3.0
+cy_px = 4.0
+)");
+  ASSERT_EQ(entries.size(), 2U);
+  EXPECT_EQ(entries[0].label, "simulated \"A\\B\" \xC3\xA4\n");
+  EXPECT_EQ(entries[0].width_px, 4000);
+  EXPECT_EQ(entries[0].height_px, 3000);
+  EXPECT_EQ(entries[0].model.kind, CameraModelKind::kFullOpenCv);
+  EXPECT_THAT(CameraParams(entries[0].model),
+              testing::ElementsAre(4400.25, 1e21 / 3, 2000, 1500.1, 1e-300, -0.2, 0.7, 0.8, 0.3, 0.4, 0.5, 0.6));
+  EXPECT_EQ(entries[1].folder, "left side/a");
+  EXPECT_EQ(entries[1].width_px, 0);
+  EXPECT_EQ(entries[1].model.kind, CameraModelKind::kPinhole);
+  EXPECT_THAT(CameraParams(entries[1].model), testing::ElementsAre(1, 2, 3, 4));
 }
 
 TEST_F(Calibration, TomlAsDocumented) {

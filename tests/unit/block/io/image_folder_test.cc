@@ -71,6 +71,68 @@ TEST(FindImages, ReportsPhotographsItCannotUse) {
   EXPECT_THAT(found.ignored[2].reason, HasSubstr("cr2 is not read"));
 }
 
+TEST(FindImages, NamesWithControlCharactersAreReportedEscaped) {
+  const ScratchFolder scratch;
+  for (const char* name : {"a.jpg", "b\n1.jpg", "esc\x1B[2J/c.jpg", "\xC3\xA9\x7F.png", "line\nend.cr2"})
+    scratch.Write(name, "x");
+  const FoundImages found = FindImages(scratch.path());
+  EXPECT_THAT(found.names, ElementsAre("a.jpg"));
+  std::vector<std::string> names;
+  for (const auto& ignored : found.ignored) names.push_back(ignored.name);
+  EXPECT_THAT(names, ElementsAre("b\\x0a1.jpg", "esc\\x1b[2J/c.jpg", "line\\x0aend.cr2", "\xC3\xA9\\x7f.png"));
+  EXPECT_THAT(found.ignored.front().reason, HasSubstr("control characters"));
+}
+
+TEST(FindImages, LinkedFoldersAreReportedNotFollowed) {
+  const ScratchFolder scratch;
+  scratch.Write("in/a.jpg", "x");
+  std::filesystem::create_directory_symlink(scratch.path(), scratch.path() / "in/circle");
+  std::filesystem::create_directory_symlink(scratch.path() / "in", scratch.path() / ".hidden");
+  const FoundImages found = FindImages(scratch.path());
+  EXPECT_THAT(found.names, ElementsAre("in/a.jpg"));
+  ASSERT_EQ(found.ignored.size(), 1U);
+  EXPECT_EQ(found.ignored[0].name, "in/circle");
+  EXPECT_THAT(found.ignored[0].reason, HasSubstr("not followed"));
+  const auto root = scratch.path() / "in/circle";  // the image folder itself may be a link
+  EXPECT_THAT(FindImages(root).names, ElementsAre("in/a.jpg"));
+}
+
+/// A user for whom permissions count, while it lives: root reads everything.
+class OrdinaryUser {
+ public:
+  OrdinaryUser() { works_ = ::geteuid() != 0 || ::seteuid(65534) == 0; }
+  OrdinaryUser(const OrdinaryUser&) = delete;
+  OrdinaryUser& operator=(const OrdinaryUser&) = delete;
+  ~OrdinaryUser() {
+    if (::getuid() == 0) {
+      EXPECT_EQ(::seteuid(0), 0);
+    }
+  }
+  bool works() const { return works_; }
+
+ private:
+  bool works_ = false;
+};
+
+TEST(FindImages, AFolderThatCannotBeReadEndsNothing) {
+  namespace fs = std::filesystem;
+  const ScratchFolder scratch;
+  for (const char* name : {"a.jpg", "lost+found/b.jpg", "z/c.jpg"}) scratch.Write(name, "x");
+  fs::permissions(scratch.path(), fs::perms::all);
+  fs::permissions(scratch.path() / "lost+found", fs::perms::none);
+  {
+    const OrdinaryUser user;
+    if (!user.works()) GTEST_SKIP() << "cannot become another user";
+    const FoundImages found = FindImages(scratch.path());
+    EXPECT_THAT(found.names, ElementsAre("a.jpg", "z/c.jpg"));
+    ASSERT_EQ(found.ignored.size(), 1U);
+    EXPECT_EQ(found.ignored[0].name, "lost+found");
+    EXPECT_THAT(found.ignored[0].reason, HasSubstr("folder cannot be read: Permission denied"));
+    EXPECT_THAT(ErrorOf([&] { FindImages(scratch.path() / "lost+found"); }), HasSubstr("cannot be read"));
+  }
+  fs::permissions(scratch.path() / "lost+found", fs::perms::owner_all);
+}
+
 TEST(FindImages, SaysWhatIsWrongWithTheFolder) {
   const ScratchFolder scratch;
   EXPECT_THAT(ErrorOf([&] { FindImages(scratch.path() / "none"); }), HasSubstr("does not exist"));

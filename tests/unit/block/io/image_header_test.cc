@@ -99,6 +99,27 @@ TEST_F(ImageHeader, ExifOfEveryFormat) {
   }
 }
 
+TEST_F(ImageHeader, ExifTextIsUtf8WhateverTheCameraWrote) {
+  const auto path = scratch_.Write("x.jpg", Encode(".jpg", 120, 80, CV_8UC3));
+  {
+    const auto file = Exiv2::ImageFactory::open(path.string());
+    file->readMetadata();
+    Exiv2::ExifData& exif = file->exifData();
+    exif["Exif.Image.Make"] = "Z\xFCrich \x1B[2J\r\n";
+    exif["Exif.Image.Model"] = std::string("X\xC3\0junk", 7);
+    exif["Exif.Photo.BodySerialNumber"] = "08\n15  ";
+    exif["Exif.Photo.LensModel"] = "\xC3\x84";
+    exif["Exif.Photo.DateTimeOriginal"] = "\xFF\xFF";
+    file->writeMetadata();
+  }
+  const ExifData exif = ReadImageHeader(scratch_.path(), "x.jpg").exif;
+  EXPECT_EQ(exif.make, "Z\xEF\xBF\xBDrich [2J");
+  EXPECT_EQ(exif.model, "X\xEF\xBF\xBD");
+  EXPECT_EQ(exif.serial, "0815");
+  EXPECT_EQ(exif.lens, "\xC3\x84");
+  EXPECT_EQ(exif.date_time, "\xEF\xBF\xBD\xEF\xBF\xBD");
+}
+
 TEST_F(ImageHeader, DamagedExifLosesOnlyTheExif) {
   std::string jpeg = Encode(".jpg", 120, 80, CV_8UC3);
   jpeg.insert(2, std::string("\xFF\xE1\x00\x14"
@@ -134,6 +155,68 @@ TEST_F(ImageHeader, BadFilesAreNamedWithTheReason) {
   jpeg[frame + 4] = 8;
   jpeg[frame + 9] = 4;
   EXPECT_THAT(Mistake(jpeg), HasSubstr("CMYK JPEG"));
+}
+
+void PutBigEndian(std::string& content, std::size_t at, unsigned value, int bytes) {
+  for (int i = 0; i < bytes; ++i)
+    content[at + static_cast<std::size_t>(i)] = static_cast<char>(value >> 8 * (bytes - 1 - i));
+}
+
+/// `content` as if its header said `width` x `height`.
+std::string Resized(std::string content, const std::string& extension, unsigned width, unsigned height) {
+  if (extension == ".png") {
+    PutBigEndian(content, 16, width, 4);
+    PutBigEndian(content, 20, height, 4);
+  } else if (extension == ".jpg") {
+    const auto frame = std::min(content.find("\xFF\xC0"), content.find("\xFF\xC2"));
+    PutBigEndian(content, frame + 5, height, 2);
+    PutBigEndian(content, frame + 7, width, 2);
+  } else {
+    for (const auto& [tag, value] : {std::pair{'\0', width}, std::pair{'\1', height}}) {
+      const auto entry =
+          content.find(std::string{tag, '\1', '\3', '\0', '\1', '\0', '\0', '\0'});  // little endian SHORT
+      content[entry + 8] = static_cast<char>(value);
+      content[entry + 9] = static_cast<char>(value >> 8);
+    }
+  }
+  return content;
+}
+
+std::string EncodeFlat(const std::string& extension, int side, int type, const std::vector<int>& options) {
+  std::vector<unsigned char> bytes;
+  cv::imencode(extension, cv::Mat(side, side, type, cv::Scalar::all(128)), bytes, options);
+  return {bytes.begin(), bytes.end()};
+}
+
+// A flat picture is what its format compresses best: it is taken, and refused as soon as its header lies.
+TEST_F(ImageHeader, FilesTooShortForTheirSizeAreRefused) {
+  struct Case {
+    std::string extension;
+    std::vector<int> options;
+  };
+  const std::vector<Case> cases{
+      {".png", {cv::IMWRITE_PNG_COMPRESSION, 9}},
+      {".png", {cv::IMWRITE_PNG_BILEVEL, 1}},
+      {".jpg", {cv::IMWRITE_JPEG_QUALITY, 1, cv::IMWRITE_JPEG_OPTIMIZE, 1}},
+      {".jpg", {cv::IMWRITE_JPEG_QUALITY, 1, cv::IMWRITE_JPEG_PROGRESSIVE, 1, cv::IMWRITE_JPEG_OPTIMIZE, 1}},
+      {".tif", {cv::IMWRITE_TIFF_COMPRESSION, 1}},
+      {".tif", {cv::IMWRITE_TIFF_COMPRESSION, 5}},
+      {".tif", {cv::IMWRITE_TIFF_COMPRESSION, 8}},
+      {".tif", {cv::IMWRITE_TIFF_COMPRESSION, 32773}},
+      {".tif", {cv::IMWRITE_TIFF_COMPRESSION, 50000}}};
+  for (std::size_t i = 0; i < cases.size(); ++i)
+    for (const int type : {CV_8UC1, CV_8UC3, CV_16UC3}) {
+      const auto& [extension, options] = cases[i];
+      SCOPED_TRACE(extension + " " + std::to_string(i) + " of type " + std::to_string(type));
+      if (type != CV_8UC1 && i == 1) continue;  // bilevel
+      const std::string name = "a" + extension, large = EncodeFlat(extension, 1500, type, options);
+      ASSERT_FALSE(large.empty());
+      EXPECT_EQ(Read(name, large).width_px, 1500);
+      if (i == 8) continue;  // the bound of Zstandard is beyond a file's fixed parts here
+      const std::string lie = Resized(EncodeFlat(extension, 8, type, options), extension, 20000, 20000);
+      EXPECT_THAT(ErrorOf([&] { Read(name, lie); }),
+                  testing::AllOf(HasSubstr("its header says 20000 x 20000 px"), HasSubstr("cannot be enough")));
+    }
 }
 
 TEST(ImageHeaderOfRealData, ExifOfACamera) {

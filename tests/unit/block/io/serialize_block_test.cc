@@ -15,14 +15,8 @@ namespace {
 using testing::HasSubstr;
 using Bytes = std::vector<std::byte>;
 
-SmallBlock Example() {
-  SmallBlock example =
-      MakeSmallBlock({TestCamera(CameraModelKind::kFullOpenCv), TestCamera(CameraModelKind::kPinhole)}, 6);
-  example.block.quarantined = {{"broken \xC3\xA9.jpg", "truncated"}};
-  example.block.cameras[1].source = CalibrationSource::kExif;
-  example.block.images[2].exif = {6,    24.5, 36, "Make", "Model", "123", "Lens", "2024:01:02 03:04:05", std::nullopt,
-                                  166.5};
-  return example;
+Model ExampleModel() {
+  return MakeSmallBlock({TestCamera(CameraModelKind::kFullOpenCv), TestCamera(CameraModelKind::kPinhole)}, 6).model;
 }
 
 ImageFeatures ExampleFeatures() {
@@ -54,35 +48,8 @@ std::vector<TwoViewGeometry> ExamplePairs() {
 }
 
 MappingResult ExampleMapping() {
-  return {{Example().model, MakeSmallBlock({TestCamera(CameraModelKind::kPinhole)}, 2, 3).model},
+  return {{ExampleModel(), MakeSmallBlock({TestCamera(CameraModelKind::kPinhole)}, 2, 3).model},
           {{ImageId(4), "too few"}}};
-}
-
-TEST(Serialize, BlockComesBack) {
-  const Block block = Example().block, read = DeserializeBlock(Serialize(block));
-  EXPECT_EQ(Serialize(read), Serialize(block));
-  ASSERT_EQ(read.images.size(), block.images.size());
-  for (std::size_t i = 0; i < block.images.size(); ++i) {
-    const Image &a = block.images[i], &b = read.images[i];
-    EXPECT_TRUE(a.id == b.id && a.camera_id == b.camera_id && a.name == b.name && a.content == b.content);
-    EXPECT_TRUE(a.width_px == b.width_px && a.height_px == b.height_px && a.channels == b.channels &&
-                a.bits_per_sample == b.bits_per_sample);
-    EXPECT_TRUE(a.exif.orientation == b.exif.orientation && a.exif.focal_mm == b.exif.focal_mm &&
-                a.exif.focal_35mm_mm == b.exif.focal_35mm_mm);
-    EXPECT_TRUE(a.exif.make == b.exif.make && a.exif.model == b.exif.model && a.exif.serial == b.exif.serial &&
-                a.exif.lens == b.exif.lens);
-    EXPECT_TRUE(a.exif.date_time == b.exif.date_time && a.exif.gnss == b.exif.gnss &&
-                a.exif.focal_plane_x_res_per_mm == b.exif.focal_plane_x_res_per_mm);
-  }
-  for (std::size_t c = 0; c < block.cameras.size(); ++c) {
-    EXPECT_EQ(*read.cameras[c].model.Project({0.1, 0.2, 1}), *block.cameras[c].model.Project({0.1, 0.2, 1}));
-    EXPECT_EQ(read.cameras[c].model.kind, block.cameras[c].model.kind);
-    EXPECT_EQ(read.cameras[c].source, block.cameras[c].source);
-    EXPECT_EQ(read.cameras[c].label, block.cameras[c].label);
-    EXPECT_EQ(read.cameras[c].height_px, 3000);
-  }
-  EXPECT_EQ(read.quarantined.at(0).name, "broken \xC3\xA9.jpg");
-  EXPECT_EQ(read.quarantined.at(0).reason, "truncated");
 }
 
 TEST(Serialize, FeaturesComeBack) {
@@ -94,7 +61,7 @@ TEST(Serialize, FeaturesComeBack) {
   EXPECT_TRUE(DeserializeFeatures(Serialize(ImageFeatures{})).keypoints.empty());
 }
 
-TEST(Serialize, PairsMatchesAndTracksComeBack) {
+TEST(Serialize, PairsComeBack) {
   const auto pairs = ExamplePairs();
   const auto read = DeserializePairs(Serialize(pairs));
   ASSERT_EQ(read.size(), pairs.size());
@@ -106,15 +73,6 @@ TEST(Serialize, PairsMatchesAndTracksComeBack) {
     EXPECT_EQ(read[i].inliers, pairs[i].inliers);
     EXPECT_TRUE(read[i].matches == 77 && read[i].median_angle_rad == 0.125 && read[i].homography_ratio == 0.5);
   }
-  const std::vector<PairMatches> matches{{{ImageId(0), ImageId(3)}, {{1, 2}, {3, 4}}}, {{ImageId(1), ImageId(2)}, {}}};
-  const auto read_matches = DeserializeMatches(Serialize(matches));
-  ASSERT_EQ(read_matches.size(), 2U);
-  EXPECT_EQ(read_matches[0].pair, matches[0].pair);
-  EXPECT_EQ(read_matches[0].matches, matches[0].matches);
-  const std::vector<Track> tracks{{{{ImageId(0), 5}, {ImageId(2), 7}}}, {}, {{{ImageId(1), 1}}}};
-  const auto read_tracks = DeserializeTracks(Serialize(tracks));
-  ASSERT_EQ(read_tracks.size(), 3U);
-  for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(read_tracks[i].elements, tracks[i].elements);
 }
 
 TEST(Serialize, MappingComesBack) {
@@ -171,13 +129,8 @@ void ExpectDamageIsSeen(const Bytes& bytes, Read read) {
 
 TEST(Serialize, DamageIsAnError) {
   const auto pairs = ExamplePairs();
-  const std::vector<Track> tracks{{{{ImageId(0), 5}, {ImageId(2), 7}}}};
-  const std::vector<PairMatches> matches{{{ImageId(0), ImageId(3)}, {{1, 2}, {3, 4}}}};
-  ExpectDamageIsSeen(Serialize(Example().block), [](auto bytes) { DeserializeBlock(bytes); });
   ExpectDamageIsSeen(Serialize(ExampleFeatures()), [](auto bytes) { DeserializeFeatures(bytes); });
   ExpectDamageIsSeen(Serialize(pairs), [](auto bytes) { DeserializePairs(bytes); });
-  ExpectDamageIsSeen(Serialize(matches), [](auto bytes) { DeserializeMatches(bytes); });
-  ExpectDamageIsSeen(Serialize(tracks), [](auto bytes) { DeserializeTracks(bytes); });
   ExpectDamageIsSeen(Serialize(ExampleMapping()), [](auto bytes) { DeserializeMapping(bytes); });
 }
 
