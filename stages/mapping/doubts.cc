@@ -90,7 +90,8 @@ std::vector<std::string> ContradictionLines(const Block& block, std::vector<Pair
                        " contradict the orientation: " + std::to_string(a.agreeing) + " of " +
                        std::to_string(a.verified) + " verified matches agree with it";
     if (a.rotation_rad > DegToRad(1)) line += ", the relative orientation differs by " + Degrees(a.rotation_rad);
-    lines.push_back(line + ": repeated structures, moving objects, or one of the two is in a wrong place");
+    lines.push_back(
+        line + ": repeated structures, moving objects, a wrong calibration, or one of the two is in a wrong place");
   }
   return lines;
 }

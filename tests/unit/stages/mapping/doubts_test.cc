@@ -116,6 +116,13 @@ TEST(Doubts, MatchesAlongTheEpipolarLineAreCaughtByTheObjectPoints) {
   EXPECT_EQ(Agreements(InputOf(b), pairs, model, 4)[0].agreeing, 0u);
   const auto doubts = mapping::Doubts(InputOf(b), pairs, models, 4);
   EXPECT_TRUE(Mentions(doubts, "row0 and row1 contradict the orientation: 0 of 39")) << doubts.size();
+  // A point of either side is enough.
+  for (const std::uint32_t blind : {0u, 1u}) {
+    Model half = model;
+    for (Point& point : half.points)
+      std::erase_if(point.observations, [&](const Observation& o) { return o.feature.image == ImageId(blind); });
+    EXPECT_EQ(Agreements(InputOf(b), pairs, half, 4)[0].agreeing, 0u) << blind;
+  }
   // Without object points there is nothing but the epipolar lines to hold against them.
   Model bare = model;
   bare.points.clear();
