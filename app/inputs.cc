@@ -6,6 +6,7 @@
 
 #include "block/io/assign_cameras.h"
 #include "block/io/calibration.h"
+#include "block/io/duplicate_images.h"
 #include "block/io/image_folder.h"
 #include "block/io/image_header.h"
 #include "simulation/renderer.h"
@@ -131,6 +132,7 @@ Inputs LoadInputs(const InputFlags& flags, PlanRunner& runner) {
     found.names = order;
   }
   std::vector<Image> images = InspectImages(inputs.images, found.names, runner, quarantined);
+  io::QuarantineDuplicates(images, quarantined);
   if (images.empty()) {
     const std::string example =
         quarantined.empty() ? "" : "first: " + quarantined.front().name + ": " + quarantined.front().reason;

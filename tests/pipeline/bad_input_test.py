@@ -103,7 +103,27 @@ class BadInput(ProgramTest):
         first = sorted(self.images.iterdir())[0]
         shutil.copy(first, photos / ("a" + first.suffix))
         shutil.copy(first, photos / ("b" + first.suffix))
+        self.assert_one_line(self.orient(photos), "one usable image", "a" + first.suffix)
+
+    def test_the_same_pixels_twice_in_other_files(self):
+        """Files that differ in a byte of their EXIF text only: no parallax, so nothing can be oriented."""
+        photos = self.scratch / "twins"
+        photos.mkdir()
+        content = sorted(self.images.iterdir())[0].read_bytes()
+        self.assertIn(b"Rilievo", content)
+        (photos / "a.jpg").write_bytes(content)
+        (photos / "b.jpg").write_bytes(content.replace(b"Rilievo", b"Rilieva", 1))
         self.assert_one_line(self.orient(photos), "no image could be oriented")
+
+    def test_a_copy_of_a_photograph_counts_once(self):
+        photos = self.copy_images()
+        (photos / "backup").mkdir()
+        first = sorted(self.images.iterdir())[0]
+        shutil.copy(first, photos / "backup")
+        self.assertEqual(self.orient(photos).returncode, 0)
+        report = self.report()
+        self.assertEqual(report["oriented"], 6)
+        self.assertEqual(len(report["quarantined"]), 1)
 
     def test_textureless_images(self):
         photos = self.scratch / "flat"
