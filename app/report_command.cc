@@ -16,18 +16,18 @@ struct ReportFlags {
   bool json = false;
 };
 
-int RunReport(const ReportFlags& flags) {
+int RunReport(const ReportFlags& flags, const ProgramContext& context) {
   const StoredRun run = OpenRun(flags.workspace);
   const OrientationResult result = RequireOrientation(run);
   const Block& block = run.record.block;
   const reporting::Report report = reporting::Summarize(block, result);
   if (flags.json) {
     nlohmann::json out = reporting::ToJson(report, block, result, run.record.warnings);
-    if (!flags.truth.empty()) out["truth"] = TruthJson(flags.truth, block, result);
+    if (!flags.truth.empty()) out["truth"] = TruthJson(flags.truth, run.record, result, context);
     fmt::print("{}\n", out.dump(1));
   } else {
     fmt::print("{}", reporting::ToText(report, block, result, run.record.warnings));
-    if (!flags.truth.empty()) fmt::print("{}", TruthText(flags.truth, block, result));
+    if (!flags.truth.empty()) fmt::print("{}", TruthText(flags.truth, run.record, result, context));
   }
   return kExitDone;
 }
@@ -45,7 +45,7 @@ void AddReportCommand(CLI::App& app, ProgramContext& context) {
                    "Scene file of rilievo simulate: also print the errors against its exact truth")
       ->type_name("FILE");
   command->footer("Example:\n  rilievo report block/ --json");
-  command->callback([flags, &context] { context.exit_code = RunReport(*flags); });
+  command->callback([flags, &context] { context.exit_code = RunReport(*flags, context); });
 }
 
 }  // namespace rilievo::app

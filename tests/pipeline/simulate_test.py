@@ -1,4 +1,5 @@
-"""simulate: continues its own block, refuses every other folder."""
+"""simulate: continues its own block, refuses every other folder; report --truth takes no other scene."""
+import json
 import pathlib
 import shutil
 import signal
@@ -120,6 +121,41 @@ class Simulate(ProgramTest):
         self.assertIn("WARNING: --images 12 puts 30 degrees", done.stderr)
         self.assertIn("use 24 or more", done.stderr)
         self.assertEqual(self.simulate(self.scratch / "close", *ring, "--images", "24").stderr, "")
+
+
+class Truth(ProgramTest):
+    def truth(self, scene, *more):
+        return rilievo("report", self.scratch / "workspace", "--truth", scene, *more)
+
+    def scene(self, name, *more):
+        done = rilievo("simulate", *changed(self.block_options, more), "--scene-only", "--output", self.scratch / name)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return self.scratch / name / "scene.json"
+
+    def test_another_scene_is_refused(self):
+        self.assertEqual(self.orient().returncode, 0)
+        self.assertEqual(self.truth(self.block / "scene.json").returncode, 0)
+        self.assertEqual(self.truth(self.scene("same")).returncode, 0)
+        hint = "beside the run's images"
+        self.assert_one_line(self.truth(self.scene("names", "--format", "png")), "no image image_0001.jpg", hint)
+        self.assert_one_line(self.truth(self.scene("fewer", "--images", "5")), "no image image_0006.jpg", hint)
+        self.assert_one_line(self.truth(self.scene("size", "--width-px", "1000"), "--json"), "900 x 600", "1000 x 600", hint)
+        self.assert_one_line(self.truth(self.scene("more", "--images", "7")), "belong to", hint)
+        self.assert_one_line(self.truth(self.scene("seed", "--seed", "2")), "belong to", hint)
+
+    def test_copied_images_are_compared_by_name_and_size_and_the_result_is_judged(self):
+        photos = self.copy_images()
+        (photos / "image_0006.jpg").unlink()
+        self.assertEqual(self.orient(str(photos) + "/").returncode, 0)
+        good = self.truth(self.block / "scene.json", "--json")
+        self.assertEqual((good.returncode, good.stderr), (0, ""))
+        self.assertEqual(json.loads(good.stdout)["truth"]["images"], 5)
+        self.assertIn("does not resemble", self.truth(self.scene("strip", "--network", "random", "--seed", "5")).stderr)
+
+    def test_a_run_from_a_scene_file_knows_its_scene(self):
+        self.assertEqual(self.orient(self.block / "scene.json", False).returncode, 0)
+        self.assertEqual(self.truth(self.scene("same")).returncode, 0)
+        self.assert_one_line(self.truth(self.scene("seed", "--seed", "2")), "made from another scene file")
 
 
 if __name__ == "__main__":
