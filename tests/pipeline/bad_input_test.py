@@ -129,7 +129,7 @@ class BadInput(ProgramTest):
         photos = self.scratch / "flat"
         photos.mkdir()
         for k in range(3):
-            png(photos / f"{k}.png", 900, 600, lambda x, y: 128)
+            png(photos / f"{k}.png", 900, 600, lambda x, y, grey=120 + k: grey)
         self.assert_one_line(self.orient(photos), "no image could be oriented")
 
     def test_disconnected_scenes_give_several_models(self):
