@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 struct SimulateFlags {
   simulation::SceneOptions scene;
   RunFlags run;
-  std::string output;
+  std::string output, options_file;
   bool depth = false, scene_only = false;
 };
 
@@ -112,10 +112,14 @@ void AddSimulateCommand(CLI::App& app, ProgramContext& context) {
   command->add_flag("--depth", flags->depth, "Also write the true depth of every pixel (PFM, 4 bytes a pixel)");
   command->add_flag("--scene-only", flags->scene_only,
                     "Write scene.json alone: orient renders the images from it on demand");
+  AddOptionsFile(*command, flags->options_file);
   AddDeclaredOptions(*command, flags->scene, simulation::SceneOptionDeclarations(), "Scene");
   AddRunFlags(*command, flags->run);
   command->footer("Example:\n  rilievo simulate --images 12 --width-px 4000 --height-px 3000 --output block/");
-  command->callback([flags, &context] { context.exit_code = RunSimulate(*flags, context); });
+  command->callback([flags, command, &context] {
+    ApplyOptionsFile(*command, flags->options_file);
+    context.exit_code = RunSimulate(*flags, context);
+  });
 }
 
 }  // namespace rilievo::app

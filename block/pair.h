@@ -24,11 +24,6 @@ struct Match {
   friend auto operator<=>(const Match&, const Match&) = default;
 };
 
-struct PairMatches {
-  ImagePair pair;
-  std::vector<Match> matches;  ///< sorted by first; one-to-one
-};
-
 enum class TwoViewModel : std::uint8_t { kRejected, kEssential, kFundamental, kHomography };
 enum class RejectionReason : std::uint8_t { kNone, kTooFewMatches, kTooFewInliers, kNoModel };
 

@@ -107,6 +107,30 @@ class Orient(ProgramTest):
         self.assertEqual(report["pairs"], 2 * 6 - 3)
         self.assertEqual(report["oriented"], 6)
 
+    def test_an_options_file_and_the_command_line_over_it(self):
+        options = self.scratch / "options.toml"
+        options.write_text('ratio = 0.7\nmax-features = 3000\nnetwork = "sequence"\n')
+        done = self.orient(None, None, None, "--options", options, "--ratio", "0.75")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        record = json.loads((self.scratch / "workspace" / "run.json").read_text())["options"]
+        self.assertEqual((record["matching"]["ratio"], record["features"]["max-features"], record["network"]), ("0.75", "3000", "sequence"))
+        for content, word in (("no-such-thing = 1\n", "no-such-thing"), ("ratio = 7\n", "ratio"), ("ratio\n", "options.toml")):
+            options.write_text(content)
+            self.assert_one_line(self.orient(None, None, self.scratch / "other", "--options", options), word, code=2)
+        self.assert_one_line(self.orient(None, None, self.scratch / "other", "--options", self.scratch / "absent.toml"), "absent.toml", code=2)
+
+    def test_options_may_stand_before_the_images(self):
+        done = rilievo("orient", "--calibration", self.calibration, self.images, "--workspace", self.scratch / "workspace")
+        self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_a_refused_run_changes_nothing(self):
+        self.orient()
+        before = self.report()
+        self.assert_one_line(self.orient(None, None, None, "--max-features", "20000", "--memory", "230MiB"), "--memory", "use")
+        self.assertEqual(before, self.report())
+        self.assert_one_line(self.orient(None, None, self.scratch / "fresh", "--memory", "230MiB"), "--memory")
+        self.assertFalse((self.scratch / "fresh").exists())
+
     def test_plan_says_what_it_would_do(self):
         done = rilievo("plan", self.images, "--calibration", self.calibration, "--memory", "2GiB")
         self.assertEqual(done.returncode, 0, done.stderr)
