@@ -10,7 +10,7 @@
 namespace rilievo::scheduling {
 namespace {
 
-constexpr std::uint64_t kFeatureBytes = sizeof(Keypoint) + sizeof(SiftDescriptor) + sizeof(Rgb);
+constexpr std::uint64_t kFeatureBytes = sizeof(Keypoint) + sizeof(Descriptor) + sizeof(Rgb);
 /// Usual on photographs of stone and plaster at the default contrast: 3300 features a megapixel, below the cap by a
 /// third; one in seven matches in a pair that overlaps, and an image overlaps at most some thirty others.
 constexpr double kUsualFeaturesPerPixel = 5e-3;
@@ -133,7 +133,7 @@ TaskCost OrientationTaskCost(const OrientRun& run, std::uint64_t features, std::
   const TaskCost mapping = mapping::Estimate(run.block.images.size(), features, inliers);
   const TaskCost tracks = tracks::Estimate(inliers, features);
   const std::uint64_t inputs =
-      features * (sizeof(Keypoint) + sizeof(Rgb)) + 2 * inliers * sizeof(Match) + Cap(run) * 2 * sizeof(SiftDescriptor);
+      features * (sizeof(Keypoint) + sizeof(Rgb)) + 2 * inliers * sizeof(Match) + Cap(run) * 2 * sizeof(Descriptor);
   return {inputs + std::max(tracks.peak_bytes, mapping.peak_bytes), tracks.work + mapping.work};
 }
 

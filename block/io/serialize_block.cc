@@ -6,10 +6,10 @@
 namespace rilievo::io {
 namespace {
 
-constexpr std::uint32_t kFeaturesVersion = 1, kPairsVersion = 1;
+constexpr std::uint32_t kFeaturesVersion = 2, kPairsVersion = 1;
 
 // Written as raw arrays: they must have no padding, whose bytes would be arbitrary.
-static_assert(sizeof(Keypoint) == 5 * sizeof(float) && sizeof(SiftDescriptor) == 128 && sizeof(Rgb) == 3);
+static_assert(sizeof(Keypoint) == 9 * sizeof(float) && sizeof(Descriptor) == 128 && sizeof(Rgb) == 3);
 static_assert(std::has_unique_object_representations_v<Match>);
 
 TwoViewGeometry GetPair(ByteReader& in) {
@@ -46,7 +46,7 @@ ImageFeatures DeserializeFeatures(std::span<const std::byte> bytes) {
   return ReadPayload(bytes, PayloadKind::kFeatures, kFeaturesVersion, [](ByteReader& in) {
     ImageFeatures features;
     features.keypoints = in.GetVector<Keypoint>();
-    features.descriptors = in.GetVector<SiftDescriptor>();
+    features.descriptors = in.GetVector<Descriptor>();
     features.colors = in.GetVector<Rgb>();
     const auto fits = [&](std::size_t n) { return n == 0 || n == features.keypoints.size(); };  // parts may be left out
     Require(fits(features.descriptors.size()) && fits(features.colors.size()), "arrays of unequal length");

@@ -100,9 +100,9 @@ std::vector<std::uint32_t> Select(const std::vector<Keypoint>& keypoints, std::s
 }
 
 /// RootSIFT (Arandjelovic & Zisserman 2012): the square root of the L1-normalised histogram, norm 512.
-SiftDescriptor RootSift(const std::uint8_t* raw) {
+Descriptor RootSift(const std::uint8_t* raw) {
   const int sum = std::accumulate(raw, raw + 128, 0);
-  SiftDescriptor result{};
+  Descriptor result{};
   if (sum == 0) return result;
   for (std::size_t i = 0; i < result.size(); ++i) {
     const double root = 512.0 * std::sqrt(static_cast<double>(raw[i]) / sum);

@@ -52,7 +52,7 @@ TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&
       .work = 1.5e-9 * static_cast<double>(features_a) * static_cast<double>(features_b)};
 }
 
-std::vector<Match> Run(std::span<const SiftDescriptor> a, std::span<const SiftDescriptor> b, const Options& options,
+std::vector<Match> Run(std::span<const Descriptor> a, std::span<const Descriptor> b, const Options& options,
                        RunContext& context) {
   const NeighborTable table = FindTwoNearest(a, b, ProcessKernel(), context);
   const std::int64_t ratio_e4 = std::llround(options.ratio * 1e4);

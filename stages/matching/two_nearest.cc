@@ -35,7 +35,7 @@ struct Moments {
   std::int32_t sum = 0, norm_sq = 0;
 };
 
-Moments MomentsOf(const SiftDescriptor& descriptor) {
+Moments MomentsOf(const Descriptor& descriptor) {
   Moments m;
   for (const std::int32_t value : descriptor) {
     m.sum += value;
@@ -44,7 +44,7 @@ Moments MomentsOf(const SiftDescriptor& descriptor) {
   return m;
 }
 
-std::int32_t LargestNorm(std::span<const SiftDescriptor> descriptors) {
+std::int32_t LargestNorm(std::span<const Descriptor> descriptors) {
   std::int32_t largest = 0;
   for (const auto& d : descriptors) largest = std::max(largest, MomentsOf(d).norm_sq);
   return largest;
@@ -54,7 +54,7 @@ std::int32_t LargestNorm(std::span<const SiftDescriptor> descriptors) {
 std::int32_t Wrap(std::uint32_t value) { return static_cast<std::int32_t>(value); }
 
 /// Writes the words of one descriptor at out, out + stride, ...
-void WriteWords(const SiftDescriptor& descriptor, Encoding encoding, std::uint8_t flip, std::uint32_t* out,
+void WriteWords(const Descriptor& descriptor, Encoding encoding, std::uint8_t flip, std::uint32_t* out,
                 std::size_t stride) {
   if (encoding == Encoding::kBytes) {
     const std::uint32_t flips = flip * 0x01010101U;
@@ -76,7 +76,7 @@ struct PackedColumns {
   LineVector<std::int32_t> bases, keys;
 };
 
-PackedColumns Pack(std::span<const SiftDescriptor> b, std::size_t begin, std::size_t count, const Kernel& kernel) {
+PackedColumns Pack(std::span<const Descriptor> b, std::size_t begin, std::size_t count, const Kernel& kernel) {
   const std::size_t width = kernel.PanelColumns();
   PackedColumns packed{.begin = begin,
                        .count = count,
@@ -89,7 +89,7 @@ PackedColumns Pack(std::span<const SiftDescriptor> b, std::size_t begin, std::si
   packed.bases.assign(packed.panel_count * width, BestTwo::kNone);
   packed.keys.resize(2 * packed.panel_count * width);
   for (std::size_t j = 0; j < count; ++j) {
-    const SiftDescriptor& descriptor = b[begin + j];
+    const Descriptor& descriptor = b[begin + j];
     WriteWords(descriptor, kernel.encoding, 0, packed.panels.data() + (j / width) * width * kernel.Words() + j % width,
                width);
     const Moments m = MomentsOf(descriptor);
@@ -105,7 +105,7 @@ struct PackedRows {
   LineVector<std::int32_t> constants, norms_sq, keys;
 };
 
-PackedRows Pack(std::span<const SiftDescriptor> rows, const Kernel& kernel) {
+PackedRows Pack(std::span<const Descriptor> rows, const Kernel& kernel) {
   PackedRows packed;
   packed.words.resize(rows.size() * kernel.Words());
   packed.keys.assign(rows.size() * 2 * kernel.lanes, BestTwo::kNone);
@@ -155,7 +155,7 @@ void DecodeColumns(const PackedColumns& columns, std::size_t row_begin, const Ke
   }
 }
 
-void CompareAllScalar(std::span<const SiftDescriptor> a, std::span<const SiftDescriptor> b, NeighborTable& table,
+void CompareAllScalar(std::span<const Descriptor> a, std::span<const Descriptor> b, NeighborTable& table,
                       const RunContext& context) {
   const std::size_t step = 1 + kScalarComparisonsPerPoll / (b.size() + 1);
   for (std::size_t row = 0; row < a.size(); row += step) {
@@ -173,7 +173,7 @@ std::size_t TwoNearestBytes(std::size_t a, std::size_t b) {
   return sizeof(BestTwo) * (a + b) + kBytesPerColumn * (std::min(b, kMostColumns) + 64) + kBytesPerRow * kRowsPerBlock;
 }
 
-NeighborTable FindTwoNearest(std::span<const SiftDescriptor> a, std::span<const SiftDescriptor> b, const Kernel& kernel,
+NeighborTable FindTwoNearest(std::span<const Descriptor> a, std::span<const Descriptor> b, const Kernel& kernel,
                              const RunContext& context) {
   NeighborTable table{.of_a = std::vector<BestTwo>(a.size()), .of_b = std::vector<BestTwo>(b.size())};
   if (a.empty() || b.empty()) return table;

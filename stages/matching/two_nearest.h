@@ -17,7 +17,7 @@ struct NeighborTable {
 
 /// Exact; the same table from every kernel. Descriptors whose squared norm exceeds kLargestKeyNorm_sq (SIFT's is near
 /// 512^2) are compared by the scalar reference whatever the kernel. Cost: one sweep of |a| x |b| dot products.
-NeighborTable FindTwoNearest(std::span<const SiftDescriptor> a, std::span<const SiftDescriptor> b, const Kernel& kernel,
+NeighborTable FindTwoNearest(std::span<const Descriptor> a, std::span<const Descriptor> b, const Kernel& kernel,
                              const RunContext& context);
 
 /// Keys are 32 bits: squared distances up to twice this, eleven bits of index and the sum of two indices must fit.

@@ -11,9 +11,9 @@
 namespace rilievo::matching {
 namespace {
 
-std::vector<SiftDescriptor> RandomSift(std::size_t count, std::uint64_t seed) {
+std::vector<Descriptor> RandomSift(std::size_t count, std::uint64_t seed) {
   Rng rng(seed);
-  std::vector<SiftDescriptor> result(count);
+  std::vector<Descriptor> result(count);
   for (auto& descriptor : result) {
     std::array<double, 128> values{};
     double norm_sq = 0;

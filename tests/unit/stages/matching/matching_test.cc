@@ -15,7 +15,7 @@
 namespace rilievo::matching {
 namespace {
 
-using Descriptors = std::vector<SiftDescriptor>;
+using Descriptors = std::vector<Descriptor>;
 
 Descriptors RandomSift(std::size_t count, std::uint64_t seed) {
   Rng rng(seed);
@@ -123,13 +123,13 @@ TEST_P(MatchingKernels, TiesGoToTheLowerIndex) {
 TEST_P(MatchingKernels, AnyBytes) {
   ExpectBruteForce(RandomBytes(90, 6, 0, 255), RandomBytes(133, 7, 0, 255));
   ExpectBruteForce(RandomBytes(31, 8, 254, 255), RandomBytes(70, 9, 0, 1));  // largest distances
-  ExpectBruteForce(Descriptors(9, SiftDescriptor{}), RandomBytes(70, 10, 255, 255));
+  ExpectBruteForce(Descriptors(9, Descriptor{}), RandomBytes(70, 10, 255, 255));
 }
 
 TEST_P(MatchingKernels, NormsAtTheLimitOfTheKeys) {
   // 63 or 64 in every component: squared norms from 508,032 to 524,288, on both sides of the limit; opposite halves
   // give the largest distances that keys must hold.
-  SiftDescriptor left{}, right{};
+  Descriptor left{}, right{};
   for (std::size_t k = 0; k < 64; ++k) left[k] = right[k + 64] = 90;  // 518,400 each, 1,036,800 apart
   Descriptors a(7, left), b(1030, right);
   b[1029][0] = 1;
@@ -196,9 +196,9 @@ std::vector<Match> Oracle(const Descriptors& a, const Descriptors& b, const Opti
 Descriptors SecondImage(const Descriptors& a, std::size_t others, std::uint64_t seed) {
   Rng rng(seed);
   Descriptors b = RandomSift(others, seed + 1);
-  for (const SiftDescriptor& descriptor : a) {
+  for (const Descriptor& descriptor : a) {
     for (std::uint32_t copies = rng.Below(3); copies > 0; --copies) {
-      SiftDescriptor noisy = descriptor;
+      Descriptor noisy = descriptor;
       const double noise = rng.Uniform(1, 25);
       for (auto& v : noisy) v = static_cast<std::uint8_t>(std::clamp(v + noise * rng.Normal(), 0.0, 255.0));
       b.insert(b.begin() + rng.Below(static_cast<std::uint32_t>(b.size() + 1)), noisy);
@@ -237,7 +237,7 @@ TEST(Matching, MutualMatchesAreTheSameFromEitherSide) {
 
 TEST(Matching, TheRatioIsStrictAndExact) {
   // Distances 4 and 5: passes above 0.8 only.
-  SiftDescriptor origin{}, four{}, five{};
+  Descriptor origin{}, four{}, five{};
   four[0] = 4;
   five[1] = 5;
   SerialRunContext context;
