@@ -1,5 +1,5 @@
-// The vector vocabulary of the float kernels for AVX2 and FMA (see lanes_scalar.h). Only *_avx2.cc and *_avx512.cc files
-// include it.
+// The vector vocabulary of the float kernels for AVX2 and FMA (see lanes_scalar.h). Only *_avx2.cc and *_avx512.cc
+// files include it.
 #pragma once
 
 #include <immintrin.h>
@@ -40,6 +40,9 @@ struct Avx2 {
   static void StoreI(std::int32_t* p, I v) { _mm256_storeu_si256(reinterpret_cast<__m256i*>(p), v.v); }
 
   static F Fma(F a, F b, F c) { return _mm256_fmadd_ps(a, b, c); }
+  static void AddScaled8(float* sum, const float* weights, float scale) {
+    _mm256_storeu_ps(sum, _mm256_fmadd_ps(_mm256_loadu_ps(weights), _mm256_set1_ps(scale), _mm256_loadu_ps(sum)));
+  }
   static F Sqrt(F v) { return _mm256_sqrt_ps(v); }
   static F Min(F a, F b) { return _mm256_min_ps(a, b); }
   static F Max(F a, F b) { return _mm256_max_ps(a, b); }

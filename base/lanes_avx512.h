@@ -38,6 +38,9 @@ struct Avx512 {
   static void StoreI(std::int32_t* p, I v) { _mm512_storeu_si512(p, v.v); }
 
   static F Fma(F a, F b, F c) { return _mm512_fmadd_ps(a, b, c); }
+  static void AddScaled8(float* sum, const float* weights, float scale) {
+    _mm256_storeu_ps(sum, _mm256_fmadd_ps(_mm256_loadu_ps(weights), _mm256_set1_ps(scale), _mm256_loadu_ps(sum)));
+  }
   static F Sqrt(F v) { return _mm512_sqrt_ps(v); }
   static F Min(F a, F b) { return _mm512_min_ps(a, b); }
   static F Max(F a, F b) { return _mm512_max_ps(a, b); }

@@ -45,6 +45,10 @@ struct Scalar {
     }
     return static_cast<float>(sum);
   }
+  /// sum[0..8) += weights[0..8) * scale, rounded once each.
+  static void AddScaled8(float* sum, const float* weights, float scale) {
+    for (int i = 0; i < 8; ++i) sum[i] = Fma(weights[i], scale, sum[i]);
+  }
   static F Sqrt(F v) { return std::sqrt(v); }
   static F Min(F a, F b) { return a < b ? a : b; }
   static F Max(F a, F b) { return a > b ? a : b; }

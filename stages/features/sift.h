@@ -1,33 +1,22 @@
-// SIFT keypoints and descriptors of one image.
+// SIFT keypoints and descriptors of one image (Lowe 2004), by own kernels in strips of bounded memory.
 #pragma once
 
-#include <span>
+#include <cstddef>
+#include <vector>
 
-#include "base/option.h"
 #include "base/run_context.h"
-#include "base/task_cost.h"
-#include "block/features.h"
-#include "block/pixels.h"
+#include "stages/features/feature.h"
+#include "stages/features/octave.h"
 
 namespace rilievo::features {
 
-struct Options {
-  int max_features = 16384;
-  double contrast_threshold = 0.02;
-  double edge_threshold = 10.0;
-  bool root_sift = true;
-};
+/// All features of an image in no particular order; two at one place where two directions are as strong. `first_octave`
+/// -1 doubles the image, 0 does not. `describe` false leaves out orientation and descriptor. The same bytes for every
+/// tiling, number of threads and processor level.
+std::vector<Feature> DetectSift(const Input& input, int first_octave, const SiftThresholds& thresholds, bool describe,
+                                const Tiling& tiling, const SiftKernels& kernels, RunContext& context);
 
-std::span<const OptionDeclaration<Options>> OptionDeclarations();
-
-/// Bumped whenever Run's result changes for equal input: part of the artifact key.
-inline constexpr int kVersion = 1;
-
-/// Upper bound of the memory Run holds for an image of this size (its own pixels included).
-TaskCost Estimate(int width_px, int height_px, const Options& options);
-
-/// Detects up to `max_features` keypoints (the strongest; ties by position), sorted by (y, x, scale, angle).
-/// Deterministic. Cost about 0.25 s a megapixel on one core.
-ImageFeatures Run(const GreyImage& image, const Options& options, RunContext& context);
+/// Bytes that DetectSift holds beside the image and its result.
+std::size_t SiftWorkspaceBytes(int width_px, int height_px, int first_octave, const Tiling& tiling);
 
 }  // namespace rilievo::features

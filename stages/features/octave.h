@@ -1,0 +1,50 @@
+// One octave of SIFT's scale space, worked through in strips: its features, and the image of the next octave.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "base/run_context.h"
+#include "stages/features/feature.h"
+#include "stages/features/sift_kernels.h"
+
+namespace rilievo::features {
+
+/// A grey image in layer units (256 an 8-bit level).
+struct Plane {
+  int width_px = 0, height_px = 0;
+  std::vector<std::uint16_t> pixels;
+};
+
+/// Thresholds of the detector; contrast as a share of the grey range (Lowe 2004, section 4).
+struct SiftThresholds {
+  double contrast = 0, edge_ratio = 0;
+  bool root_sift = true;
+};
+
+/// What an octave is computed from. `index` is -1 for the doubled image; pixels of it are 2^index image pixels wide and
+/// its grid is nested in the image's (both begin at the same corner).
+struct OctaveInput {
+  int index = 0, width_px = 0, height_px = 0;
+  const GreyImage* image = nullptr;  ///< for the first octave
+  float gain = 256;                  ///< layer units a grey value of the image
+  const Plane* base = nullptr;       ///< for the others: layer 0
+  std::span<const std::uint8_t> mask;
+  int image_width_px = 0, image_height_px = 0;
+};
+
+struct OctaveOutput {
+  std::vector<std::vector<Feature>> strips;  ///< features by strip, in no particular order within one
+  Plane next;                                ///< half the size
+};
+
+/// Every value is a function of its pixel's coordinates alone: the result does not depend on the tiling, and neither on
+/// the kernels. `describe` false: keypoints only, without orientation.
+OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, bool describe, const Tiling& tiling,
+                       const SiftKernels& kernels, RunContext& context);
+
+/// Bytes of the workspaces of one octave at once.
+std::size_t OctaveWorkspaceBytes(int width_px, const Tiling& tiling);
+
+}  // namespace rilievo::features
