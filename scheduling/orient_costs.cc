@@ -112,8 +112,15 @@ class SummaryBuilder {
 
 }  // namespace
 
+features::Tiling FeatureTiling(const OrientRun& run, const Image& image) {
+  const std::uint64_t beside = 2 * Cap(run) * kFeatureBytes;
+  return features::ChooseTiling(image.width_px, image.height_px, run.options.features,
+                                run.budget_bytes - std::min(run.budget_bytes, beside));
+}
+
 TaskCost FeatureTaskCost(const OrientRun& run, const Image& image) {
-  TaskCost cost = features::Estimate(image.width_px, image.height_px, run.options.features);
+  TaskCost cost =
+      features::Estimate(image.width_px, image.height_px, run.options.features, FeatureTiling(run, image));
   const std::uint64_t load =
       run.pixels.LoadPeakBytes(image.width_px, image.height_px, image.channels, image.bits_per_sample);
   cost.peak_bytes = std::max(cost.peak_bytes, load) + 2 * Cap(run) * kFeatureBytes;

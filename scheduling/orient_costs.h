@@ -10,6 +10,8 @@
 
 namespace rilievo::scheduling {
 
+/// How an image is cut while its features are detected, within what a task may hold.
+features::Tiling FeatureTiling(const OrientRun& run, const Image& image);
 /// Upper bounds from the image sizes and the caps of the options.
 TaskCost FeatureTaskCost(const OrientRun& run, const Image& image);
 TaskCost PairTaskCost(const OrientRun& run, const PairTile& tile);

@@ -18,9 +18,9 @@ void AddCamera(KeyHasher& hasher, const Camera& camera) {
   hasher.Add(std::uint64_t(camera.width_px)).Add(std::uint64_t(camera.height_px)).Add(std::uint64_t(camera.source));
 }
 
-engine::ArtifactKey FeatureKey(const Image& image, const OrientOptions& options, std::string_view processor_level) {
+engine::ArtifactKey FeatureKey(const Image& image, const OrientOptions& options) {
   KeyHasher hasher;
-  hasher.Add("features").Add(std::uint64_t{features::kVersion}).Add(processor_level);
+  hasher.Add("features").Add(std::uint64_t{features::kVersion});
   hasher.Add(OptionKeyText(options.features, features::OptionDeclarations())).Add(image.content);
   return {"features", hasher.Finish()};
 }
@@ -45,7 +45,7 @@ engine::ArtifactKey TileKey(const PairTile& tile, const Block& block, const Orie
 
 OrientKeys ComputeKeys(const Block& block, const OrientOptions& options, std::string_view processor_level) {
   OrientKeys keys;
-  for (const Image& image : block.images) keys.features.push_back(FeatureKey(image, options, processor_level));
+  for (const Image& image : block.images) keys.features.push_back(FeatureKey(image, options));
   keys.tiles = TilePairs(SelectPairs(block.images.size(), options.network), TileEdge(block.images.size()));
   for (const PairTile& tile : keys.tiles) keys.pairs.push_back(TileKey(tile, block, options, keys.features));
 

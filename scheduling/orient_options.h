@@ -2,7 +2,7 @@
 #pragma once
 
 #include "scheduling/pair_selection.h"
-#include "stages/features/sift.h"
+#include "stages/features/features.h"
 #include "stages/mapping/mapping.h"
 #include "stages/matching/matching.h"
 #include "stages/verification/verification.h"

@@ -61,7 +61,7 @@ FeatureArtifact ComputeFeatures(const OrientRun& run, const Image& image, TaskCo
     if (pixels.width_px != image.width_px || pixels.height_px != image.height_px)
       throw Error(ErrorCode::kInvalidInput, image.name, "its header and its pixels disagree about the image size");
     context.ThrowIfStopped();
-    artifact.features = features::Run(pixels, run.options.features, context);
+    artifact.features = features::Run({pixels, {}, FeatureTiling(run, image)}, run.options.features, context);
   } catch (const Error& error) {
     // A property of the file's bytes, which the key covers: the image is quarantined and the survey goes on.
     if (error.code() != ErrorCode::kInvalidInput && error.code() != ErrorCode::kUnsupported) throw;

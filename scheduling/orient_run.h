@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "block/block.h"
@@ -24,6 +25,8 @@ struct OrientRun {
   std::vector<std::vector<PairSummary>> pairs;  ///< slot a tile: filled by its pair task
   /// What the process holds beside its tasks: hints about memory add it to what a task needs.
   std::uint64_t overhead_bytes = 0;
+  /// What one task may hold: images are cut into strips so that their features fit it.
+  std::uint64_t budget_bytes = std::numeric_limits<std::uint64_t>::max();
 
   OrientRun(const Block& block, const PixelSource& pixels, const engine::ArtifactStore& store, OrientOptions options,
             std::uint64_t overhead_bytes);

@@ -17,7 +17,7 @@ struct Feature {
 };
 
 /// How an image is cut while it is worked on: never part of a result. Strips of this width run down the image (or an
-/// octave of it), `chunks` groups of them at once.
+/// octave of it), up to `chunks` of them at once.
 struct Tiling {
   int strip_width_px = 512;
   int chunks = 8;
@@ -27,6 +27,7 @@ struct Tiling {
 struct Input {
   const GreyImage& image;
   std::span<const std::uint8_t> mask = {};
+  Tiling tiling = {};
 };
 
 }  // namespace rilievo::features

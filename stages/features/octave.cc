@@ -94,7 +94,7 @@ void CopySourceRow(const GreyImage& image, int y, int begin, int count, float* o
 class StripRunner {
  public:
   StripRunner(const OctaveInput& input, const SiftThresholds& thresholds, bool describe, const SiftKernels& kernels,
-              Workspace& workspace, int begin_px, int end_px, Plane& next, std::vector<Feature>& features)
+              Workspace& workspace, int begin_px, int end_px, Plane& next, FeatureCollector& features)
       : input_(input),
         thresholds_(thresholds),
         describe_(describe),
@@ -287,7 +287,7 @@ class StripRunner {
   void DescribeFeature(const Extremum& e) {
     Feature feature{KeypointOf(e), {}};
     if (!describe_) {
-      features_.push_back(feature);
+      features_.Add(feature);
       return;
     }
     Patch patch;
@@ -306,7 +306,7 @@ class StripRunner {
       kernels_.describe(patch, static_cast<float>(direction.cos), static_cast<float>(direction.sin), histogram);
       feature.keypoint.angle_rad = static_cast<float>(angle_rad);
       feature.descriptor = SiftBytes(histogram, thresholds_.root_sift);
-      features_.push_back(feature);
+      features_.Add(feature);
     }
   }
 
@@ -317,7 +317,7 @@ class StripRunner {
   Workspace& w_;
   int x0_, width_;
   Plane& next_;
-  std::vector<Feature>& features_;
+  FeatureCollector& features_;
   LayerViews views_;
   std::int16_t search_threshold_ = 1;
   int next_row_ = 0;
@@ -326,28 +326,32 @@ class StripRunner {
 
 }  // namespace
 
-OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, bool describe, const Tiling& tiling,
-                       const SiftKernels& kernels, RunContext& context) {
+OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, bool describe,
+                       const SelectionRule& rule, const Tiling& tiling, const SiftKernels& kernels,
+                       RunContext& context) {
   const int strip_width = std::min((tiling.strip_width_px + 1) & ~1, (input.width_px + 1) & ~1);
   RILIEVO_CHECK(strip_width > 0 && tiling.chunks > 0);
   const auto strips = static_cast<std::size_t>((input.width_px + strip_width - 1) / strip_width);
   OctaveOutput output;
-  output.strips.resize(strips);
   output.next.width_px = input.width_px / 2;
   output.next.height_px = input.height_px / 2;
   output.next.pixels.resize(static_cast<std::size_t>(output.next.width_px) *
                             static_cast<std::size_t>(output.next.height_px));
   const std::size_t chunks = std::min<std::size_t>(strips, static_cast<std::size_t>(tiling.chunks));
+  std::vector<FeatureCollector> collectors(chunks, FeatureCollector(rule));
   context.ParallelFor(chunks, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t chunk = begin; chunk < end; ++chunk) {
       Workspace workspace(strip_width);
       for (std::size_t s = chunk; s < strips; s += chunks) {
         const int x0 = static_cast<int>(s) * strip_width, x1 = std::min(input.width_px, x0 + strip_width);
-        StripRunner(input, thresholds, describe, kernels, workspace, x0, x1, output.next, output.strips[s])
+        StripRunner(input, thresholds, describe, kernels, workspace, x0, x1, output.next, collectors[chunk])
             .Run(context);
       }
     }
   });
+  FeatureCollector all(rule);
+  for (FeatureCollector& collector : collectors) all.Add(collector.Take());
+  output.features = all.Take();
   return output;
 }
 

@@ -7,6 +7,7 @@
 
 #include "base/run_context.h"
 #include "stages/features/feature.h"
+#include "stages/features/selection.h"
 #include "stages/features/sift_kernels.h"
 
 namespace rilievo::features {
@@ -35,14 +36,15 @@ struct OctaveInput {
 };
 
 struct OctaveOutput {
-  std::vector<std::vector<Feature>> strips;  ///< features by strip, in no particular order within one
-  Plane next;                                ///< half the size
+  std::vector<Feature> features;  ///< in no particular order, pruned by the rule
+  Plane next;                     ///< half the size
 };
 
 /// Every value is a function of its pixel's coordinates alone: the result does not depend on the tiling, and neither on
 /// the kernels. `describe` false: keypoints only, without orientation.
-OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, bool describe, const Tiling& tiling,
-                       const SiftKernels& kernels, RunContext& context);
+OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, bool describe,
+                       const SelectionRule& rule, const Tiling& tiling, const SiftKernels& kernels,
+                       RunContext& context);
 
 /// Bytes of the workspaces of one octave at once.
 std::size_t OctaveWorkspaceBytes(int width_px, const Tiling& tiling);

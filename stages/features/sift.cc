@@ -23,15 +23,15 @@ float GainOf(const GreyImage& image) {
 
 }  // namespace
 
-std::vector<Feature> DetectSift(const Input& input, int first_octave, const SiftThresholds& thresholds, bool describe,
-                                const Tiling& tiling, const SiftKernels& kernels, RunContext& context) {
+std::vector<Feature> DetectSift(const Input& input, const SiftOptions& options, const SelectionRule& rule,
+                                const SiftKernels& kernels, RunContext& context) {
   const GreyImage& image = input.image;
-  std::vector<Feature> features;
-  if (image.width_px < 1 || image.height_px < 1) return features;
+  FeatureCollector features(rule);
+  if (image.width_px < 1 || image.height_px < 1) return {};
   OctaveInput octave;
-  octave.index = first_octave;
-  octave.width_px = first_octave < 0 ? 2 * image.width_px : image.width_px;
-  octave.height_px = first_octave < 0 ? 2 * image.height_px : image.height_px;
+  octave.index = options.first_octave;
+  octave.width_px = options.first_octave < 0 ? 2 * image.width_px : image.width_px;
+  octave.height_px = options.first_octave < 0 ? 2 * image.height_px : image.height_px;
   octave.image = &image;
   octave.gain = GainOf(image);
   octave.mask = input.mask;
@@ -39,8 +39,8 @@ std::vector<Feature> DetectSift(const Input& input, int first_octave, const Sift
   octave.image_height_px = image.height_px;
   Plane base;
   while (std::min(octave.width_px, octave.height_px) >= kSmallestOctave_px) {
-    OctaveOutput output = RunOctave(octave, thresholds, describe, tiling, kernels, context);
-    for (auto& strip : output.strips) features.insert(features.end(), strip.begin(), strip.end());
+    OctaveOutput output = RunOctave(octave, options.thresholds, options.describe, rule, input.tiling, kernels, context);
+    features.Add(std::move(output.features));
     base = std::move(output.next);
     octave.image = nullptr;
     octave.base = &base;
@@ -48,14 +48,20 @@ std::vector<Feature> DetectSift(const Input& input, int first_octave, const Sift
     octave.height_px = base.height_px;
     ++octave.index;
   }
-  return features;
+  return features.Take();
 }
 
-std::size_t SiftWorkspaceBytes(int width_px, int height_px, int first_octave, const Tiling& tiling) {
+std::size_t SiftBytesHeld(int width_px, int height_px, const SiftOptions& options, const SelectionRule& rule,
+                          const Tiling& tiling) {
   const auto pixels = static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px);
   // The image of the second octave, and that of the third while it is made.
-  const std::size_t planes = first_octave < 0 ? 2 * (pixels + pixels / 4) : 2 * (pixels / 4 + pixels / 16);
-  return planes + OctaveWorkspaceBytes(first_octave < 0 ? 2 * width_px : width_px, tiling);
+  const std::size_t planes = options.first_octave < 0 ? 2 * (pixels + pixels / 4) : 2 * (pixels / 4 + pixels / 16);
+  const int octave_width_px = options.first_octave < 0 ? 2 * width_px : width_px;
+  // Collectors of all chunks, of the octave and of the image; a feature covers some pixels (an extremum has 80
+  // neighbours that are none), so that small images have few.
+  const std::size_t features = std::min(
+      (static_cast<std::size_t>(tiling.chunks) + 2) * FeatureCollector::MostBytes(rule), pixels / 4 * sizeof(Feature));
+  return planes + OctaveWorkspaceBytes(octave_width_px, tiling) + features;
 }
 
 }  // namespace rilievo::features

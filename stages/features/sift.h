@@ -10,13 +10,19 @@
 
 namespace rilievo::features {
 
-/// All features of an image in no particular order; two at one place where two directions are as strong. `first_octave`
-/// -1 doubles the image, 0 does not. `describe` false leaves out orientation and descriptor. The same bytes for every
-/// tiling, number of threads and processor level.
-std::vector<Feature> DetectSift(const Input& input, int first_octave, const SiftThresholds& thresholds, bool describe,
-                                const Tiling& tiling, const SiftKernels& kernels, RunContext& context);
+struct SiftOptions {
+  int first_octave = -1;  ///< -1 doubles the image, 0 does not
+  SiftThresholds thresholds;
+  bool describe = true;  ///< false leaves out orientation and descriptor
+};
 
-/// Bytes that DetectSift holds beside the image and its result.
-std::size_t SiftWorkspaceBytes(int width_px, int height_px, int first_octave, const Tiling& tiling);
+/// The features of an image in no particular order, pruned by the rule; two at one place where two directions are as
+/// strong. The same features for every tiling, number of threads and processor level, bit by bit.
+std::vector<Feature> DetectSift(const Input& input, const SiftOptions& options, const SelectionRule& rule,
+                                const SiftKernels& kernels, RunContext& context);
+
+/// Upper bound of the bytes that DetectSift holds beside the image, its result included.
+std::size_t SiftBytesHeld(int width_px, int height_px, const SiftOptions& options, const SelectionRule& rule,
+                          const Tiling& tiling);
 
 }  // namespace rilievo::features

@@ -1,0 +1,131 @@
+// Keypoints and descriptors of one image: the stage, whatever the detector.
+#include "stages/features/features.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <vector>
+
+#include "base/check.h"
+#include "stages/features/selection.h"
+#include "stages/features/sift.h"
+
+namespace rilievo::features {
+namespace {
+
+/// The kernels of this processor or of RILIEVO_KERNELS, read once.
+const SiftKernels& ProcessKernels() {
+  static const SiftKernels& kernels = []() -> const SiftKernels& {
+    const char* forced = std::getenv("RILIEVO_KERNELS");
+    return ChooseSiftKernels(forced == nullptr ? "" : forced);
+  }();
+  return kernels;
+}
+
+SelectionRule RuleOf(int width_px, int height_px, const Options& options) {
+  return {static_cast<std::size_t>(std::max(1, options.max_features)), options.choice == "spread", width_px, height_px};
+}
+
+SiftOptions SiftOptionsOf(const Options& options) {
+  return {options.first_octave, {options.contrast_threshold, options.edge_threshold, options.root_sift}};
+}
+
+Rgb ColorAt(const GreyImage& image, const Keypoint& keypoint) {
+  const int column = std::clamp(static_cast<int>(keypoint.x_px), 0, image.width_px - 1);
+  const int row = std::clamp(static_cast<int>(keypoint.y_px), 0, image.height_px - 1);
+  const std::size_t pixel =
+      static_cast<std::size_t>(row) * static_cast<std::size_t>(image.width_px) + static_cast<std::size_t>(column);
+  if (!image.rgb.empty()) return {image.rgb[3 * pixel], image.rgb[3 * pixel + 1], image.rgb[3 * pixel + 2]};
+  const auto grey = static_cast<std::uint8_t>(image.Is16Bit() ? image.u16[pixel] >> 8 : image.u8[pixel]);
+  return {grey, grey, grey};
+}
+
+}  // namespace
+
+std::span<const OptionDeclaration<Options>> OptionDeclarations() {
+  // Positional, all fields given: g++ 12 fails on designated initialisers of this template.
+  static const std::vector<OptionDeclaration<Options>> declarations = {
+      {"detector", &Options::detector, 0, 0, "", "detector and descriptor", {"sift"}},
+      {"max-features",
+       &Options::max_features,
+       1,
+       1 << 20,
+       "features an image",
+       "keep at most this number of features of an image",
+       {}},
+      {"feature-choice",
+       &Options::choice,
+       0,
+       0,
+       "",
+       "which features are kept: the strongest, or the strongest of each part of the image first",
+       {"strongest", "spread"}},
+      {"first-octave",
+       &Options::first_octave,
+       -1,
+       0,
+       "",
+       "-1 doubles the image before features are looked for, 0 does not: fewer and larger features, four times as fast",
+       {}},
+      {"contrast-threshold",
+       &Options::contrast_threshold,
+       0.001,
+       0.2,
+       "",
+       "least contrast of a feature, as a share of the full grey range; lower it for weak texture",
+       {}},
+      {"edge-threshold",
+       &Options::edge_threshold,
+       1,
+       100,
+       "",
+       "largest ratio of the two curvatures of a feature; higher keeps more points along edges",
+       {}},
+      {"root-sift", &Options::root_sift, 0, 1, "", "compare descriptors by the Hellinger distance (RootSIFT)", {}},
+  };
+  return declarations;
+}
+
+TaskCost Estimate(int width_px, int height_px, const Options& options, const Tiling& tiling) {
+  const int width = std::max(width_px, 0), height = std::max(height_px, 0);
+  const auto pixels = static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
+  const SelectionRule rule = RuleOf(std::max(1, width), std::max(1, height), options);
+  const double work_s_per_px = options.first_octave < 0 ? 0.06e-6 : 0.02e-6;
+  return {.peak_bytes = (4 << 20) + 5 * pixels + SiftBytesHeld(width, height, SiftOptionsOf(options), rule, tiling),
+          .work = work_s_per_px * static_cast<double>(pixels)};
+}
+
+Tiling ChooseTiling(int width_px, int height_px, const Options& options, std::uint64_t budget_bytes) {
+  constexpr std::array<Tiling, 5> kTilings = {{{512, 8}, {512, 4}, {512, 2}, {512, 1}, {128, 1}}};
+  for (const Tiling& tiling : kTilings) {
+    if (Estimate(width_px, height_px, options, tiling).peak_bytes <= budget_bytes) return tiling;
+  }
+  return kTilings.back();
+}
+
+ImageFeatures Run(const Input& input, const Options& options, RunContext& context) {
+  const GreyImage& image = input.image;
+  const std::size_t pixels = static_cast<std::size_t>(image.width_px) * static_cast<std::size_t>(image.height_px);
+  RILIEVO_CHECK(image.width_px >= 0 && image.height_px >= 0);
+  RILIEVO_CHECK((image.Is16Bit() ? image.u16.size() : image.u8.size()) == pixels);
+  RILIEVO_CHECK(image.rgb.empty() || image.rgb.size() == 3 * pixels);
+  RILIEVO_CHECK(input.mask.empty() || input.mask.size() == pixels);
+  context.ThrowIfStopped();
+  if (pixels == 0) return {};
+
+  const SelectionRule rule = RuleOf(image.width_px, image.height_px, options);
+  const std::vector<Feature> features =
+      SelectFeatures(DetectSift(input, SiftOptionsOf(options), rule, ProcessKernels(), context), rule);
+  ImageFeatures result;
+  result.keypoints.reserve(features.size());
+  result.descriptors.reserve(features.size());
+  result.colors.reserve(features.size());
+  for (const Feature& feature : features) {
+    result.keypoints.push_back(feature.keypoint);
+    result.descriptors.push_back(feature.descriptor);
+    result.colors.push_back(ColorAt(image, feature.keypoint));
+  }
+  return result;
+}
+
+}  // namespace rilievo::features

@@ -1,0 +1,42 @@
+// Keypoints and descriptors of one image: the stage, whatever the detector.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "base/option.h"
+#include "base/run_context.h"
+#include "base/task_cost.h"
+#include "block/features.h"
+#include "stages/features/feature.h"
+
+namespace rilievo::features {
+
+struct Options {
+  std::string detector = "sift";
+  int max_features = 16384;
+  std::string choice = "strongest";
+  int first_octave = -1;
+  double contrast_threshold = 0.02;
+  double edge_threshold = 10.0;
+  bool root_sift = true;
+};
+
+std::span<const OptionDeclaration<Options>> OptionDeclarations();
+
+/// Bumped whenever Run's result changes for equal input: part of the artifact key.
+inline constexpr int kVersion = 2;
+
+/// Upper bound of the memory Run holds for an image of this size (its own grey and colour pixels included).
+TaskCost Estimate(int width_px, int height_px, const Options& options, const Tiling& tiling);
+
+/// The widest tiling whose estimate fits `budget_bytes`; the narrowest when none does.
+Tiling ChooseTiling(int width_px, int height_px, const Options& options, std::uint64_t budget_bytes);
+
+/// Detects up to `max_features` keypoints, sorted by (y, x, scale, angle). Deterministic: the same bytes for every
+/// tiling, number of threads and processor level (RILIEVO_KERNELS forces one). Images without texture, or too small for
+/// a single feature, give none. Cost about 0.06 s a megapixel on one core.
+ImageFeatures Run(const Input& input, const Options& options, RunContext& context);
+
+}  // namespace rilievo::features
