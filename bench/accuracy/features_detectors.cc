@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <numbers>
 #include <numeric>
@@ -13,6 +14,7 @@
 
 #include "base/check.h"
 #include "base/error.h"
+#include "stages/features/sift.h"
 #include "stages/images/decode.h"
 
 namespace rilievo::bench {
@@ -41,15 +43,24 @@ features::Options AllFeatures() {
 }
 
 ImageFeatures DetectOurs(const GreyImage& image, const features::Options& options, RunContext& context) {
-  return features::Run(image, options, context);
+  return features::Run({image}, options, context);
 }
 
-std::optional<ImageFeatures> DetectOursTiled(const GreyImage&, const features::Options&, int, RunContext&) {
-  return std::nullopt;
+std::optional<ImageFeatures> DetectOursTiled(const GreyImage& image, const features::Options& options, int tile_px,
+                                             RunContext& context) {
+  const int width_px = tile_px > 0 ? tile_px : 2 * image.width_px;
+  return features::Run({image, {}, {.strip_width_px = width_px, .chunks = 8}}, options, context);
 }
 
-std::optional<std::size_t> DetectOursExtremaOnly(const GreyImage&, const features::Options&, RunContext&) {
-  return std::nullopt;
+std::optional<std::size_t> DetectOursExtremaOnly(const GreyImage& image, const features::Options& options,
+                                                 RunContext& context) {
+  const features::SiftOptions sift{
+      options.first_octave, {options.contrast_threshold, options.edge_threshold, options.root_sift}, options.octaves, false};
+  const features::SelectionRule rule{static_cast<std::size_t>(options.max_features), false, image.width_px,
+                                     image.height_px};
+  const char* forced = std::getenv("RILIEVO_KERNELS");
+  const auto& kernels = features::ChooseSiftKernels(forced == nullptr ? "" : forced);
+  return features::DetectSift({image}, sift, rule, kernels, context).size();
 }
 
 std::optional<SurfChoice> ChooseSurf128(const GreyImage&, std::size_t, RunContext&) { return std::nullopt; }

@@ -8,7 +8,7 @@
 #include "base/run_context.h"
 #include "block/features.h"
 #include "block/pixels.h"
-#include "stages/features/sift.h"
+#include "stages/features/features.h"
 
 namespace rilievo::bench {
 

@@ -27,7 +27,8 @@ SelectionRule RuleOf(int width_px, int height_px, const Options& options) {
 }
 
 SiftOptions SiftOptionsOf(const Options& options) {
-  return {options.first_octave, {options.contrast_threshold, options.edge_threshold, options.root_sift}};
+  return {
+      options.first_octave, {options.contrast_threshold, options.edge_threshold, options.root_sift}, options.octaves};
 }
 
 Rgb ColorAt(const GreyImage& image, const Keypoint& keypoint) {
@@ -66,6 +67,13 @@ std::span<const OptionDeclaration<Options>> OptionDeclarations() {
        0,
        "",
        "-1 doubles the image before features are looked for, 0 does not: fewer and larger features, four times as fast",
+       {}},
+      {"octaves",
+       &Options::octaves,
+       1,
+       20,
+       "",
+       "octaves that are searched at most; larger features locate a point less well",
        {}},
       {"contrast-threshold",
        &Options::contrast_threshold,

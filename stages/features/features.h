@@ -18,7 +18,8 @@ struct Options {
   int max_features = 16384;
   std::string choice = "strongest";
   int first_octave = -1;
-  double contrast_threshold = 0.02;
+  int octaves = 4;
+  double contrast_threshold = 0.015;
   double edge_threshold = 10.0;
   bool root_sift = true;
 };

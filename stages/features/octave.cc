@@ -15,8 +15,8 @@ namespace rilievo::features {
 namespace {
 
 /// Columns to the left of a strip in its rings; to the right as many, and the kernels' overshoot.
-constexpr int kMargin_px = 64;
-static_assert(kHalo_px[0] <= kMargin_px && kMargin_px % kBlockRows == 0);
+constexpr int kMargin_px = 80;
+static_assert(kHalo_px[0] <= kMargin_px && kMargin_px % (2 * kBlockRows) == 0);
 /// The same in scratch rows: the first blur looks at more than a margin.
 constexpr int kScratchMargin_px = kMargin_px + 16;
 /// Source pixels to the left of a strip.
@@ -265,10 +265,10 @@ class StripRunner {
   }
 
   Keypoint KeypointOf(const Extremum& e) const {
-    const PositionCovariance covariance = CovarianceOf(e, Step());
+    const PositionCovariance covariance = CovarianceOf(e, Step(), input_.surplus_px2);
     return {.x_px = static_cast<float>(ImageX(e)),
             .y_px = static_cast<float>(ImageY(e)),
-            .scale_px = static_cast<float>(LayerSigma(e.scale + e.d_scale) * Step()),
+            .scale_px = static_cast<float>(LayerSigma(e.scale + e.d_scale, input_.surplus_px2) * Step()),
             .angle_rad = 0,
             .response = static_cast<float>(std::fabs(e.value) / (255.0 * kUnitsPerLevel)),
             .cov_xx_px2 = static_cast<float>(covariance.xx),
@@ -297,7 +297,7 @@ class StripRunner {
     const int turn = (e.row - kMargin_px) & ~patch.layer.row_mask;
     patch.x = static_cast<float>(kMargin_px + e.d_column);
     patch.y = static_cast<float>(e.row - turn + e.d_row);
-    patch.sigma_px = static_cast<float>(LayerSigma(e.scale + e.d_scale));
+    patch.sigma_px = static_cast<float>(LayerSigma(e.scale + e.d_scale, input_.surplus_px2));
     const Orientations orientations = kernels_.orient(patch);
     for (int i = 0; i < orientations.count; ++i) {
       const double angle_rad = 2 * std::numbers::pi * static_cast<double>(orientations.turns[i]);

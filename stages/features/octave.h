@@ -28,6 +28,7 @@ struct SiftThresholds {
 /// its grid is nested in the image's (both begin at the same corner).
 struct OctaveInput {
   int index = 0, width_px = 0, height_px = 0;
+  double surplus_px2 = 0;            ///< of the blur's variance over the nominal one, in pixels of the octave squared
   const GreyImage* image = nullptr;  ///< for the first octave
   float gain = 256;                  ///< layer units a grey value of the image
   const Plane* base = nullptr;       ///< for the others: layer 0

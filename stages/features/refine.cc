@@ -89,11 +89,11 @@ std::optional<Extremum> Refine(const LayerViews& views, int scale, int row, int 
   return std::nullopt;
 }
 
-PositionCovariance CovarianceOf(const Extremum& e, double step_px) {
+PositionCovariance CovarianceOf(const Extremum& e, double step_px, double surplus_px2) {
   // White noise of variance 1 through the derivative of g_b - g_a: the integral of its square is
   // (1/a^4 + 1/b^4) / (8 pi) - 1 / (pi (a^2 + b^2)^2), where a^2, b^2 are the filters' variances in image pixels.
   const auto variance_px2 = [&](double layer) {
-    const double sigma_px = LayerSigma(layer) * step_px;
+    const double sigma_px = LayerSigma(layer, surplus_px2) * step_px;
     return sigma_px * sigma_px - kCameraSigma * kCameraSigma;
   };
   const double a2 = variance_px2(e.scale), b2 = variance_px2(e.scale + 1), sum = a2 + b2;

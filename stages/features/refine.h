@@ -36,6 +36,6 @@ std::optional<Extremum> Refine(const LayerViews& views, int scale, int row, int 
 struct PositionCovariance {
   double xx = 0, xy = 0, yy = 0;
 };
-PositionCovariance CovarianceOf(const Extremum& extremum, double step_px);
+PositionCovariance CovarianceOf(const Extremum& extremum, double step_px, double surplus_px2);
 
 }  // namespace rilievo::features

@@ -14,10 +14,21 @@ inline constexpr double kBaseSigma = 1.6;
 /// Blur that a photograph is assumed to have, in its pixels.
 inline constexpr double kCameraSigma = 0.5;
 
-/// Blur of layer 0 (inner layers may be given as fractions) in pixels of its octave: 1.6 * 2^(layer / 3).
-double LayerSigma(double layer);
+/// The doubled image is blurred to more than that: to the width of one pixel of the image, sigma 2 in its own pixels.
+/// Lowe 2004 and the programs after him have 1.82 there, because they do not count what the linear doubling blurs.
+/// Noise and the pixel grid disturb the finest features less for it. The surplus fades from octave to octave.
+inline constexpr double kDoubledSigma = 2.0;
+/// Surplus of variance over 1.6^2 in the octave of that index, in its pixels squared, when the first one is doubled.
+inline constexpr double SurplusVariance_px2(int octave) {
+  double surplus = kDoubledSigma * kDoubledSigma - kBaseSigma * kBaseSigma;
+  for (int o = -1; o < octave; ++o) surplus /= 4;
+  return surplus;
+}
 
-/// Half widths of the filters from layer i to i + 1, at 4 sigma: sigma_i = 1.6 sqrt(4^((i+1)/3) - 4^(i/3)).
+/// Blur of a layer (a fraction between two) in pixels of its octave: sqrt(1.6^2 4^(layer / 3) + surplus).
+double LayerSigma(double layer, double surplus_px2);
+
+/// Half widths of the filters from layer i to i + 1, 4 sigma: sigma_i = 1.6 sqrt(4^((i+1)/3) - 4^(i/3)).
 inline constexpr std::array<int, kBlurs> kBlurRadius_px = {5, 6, 8, 10, 12};
 /// Rows by which layer i lags behind layer 0 when rows stream through the filters: the sum of the half widths before.
 inline constexpr std::array<int, kLayers> kLag_px = [] {
@@ -32,8 +43,10 @@ inline constexpr int kSearchReach_px = kMaxMove_px + 1;
 /// No feature nearer to the border of its octave: there the layers show the mirror image.
 inline constexpr int kBorder_px = 5;
 
-/// Largest scale of a feature in the pixels of its octave: layer 3 and half a step.
-inline constexpr double kLargestScale_px = 1.6 * 2.2449240966187465;  // 1.6 * 2^(3.5/3)
+/// Largest scale of a feature in the pixels of its octave: layer 3 and half a step, with the largest surplus.
+inline constexpr double kLargestScale_px = 3.8;
+static_assert(kLargestScale_px * kLargestScale_px >=
+              kBaseSigma * kBaseSigma * 5.0396841995794928 + SurplusVariance_px2(-1));  // 4^(3.5/3)
 
 /// Descriptor: 4 x 4 cells of 3 sigma each (Lowe 2004; Vedaldi & Fulkerson 2008), kCellSamples samples a cell and axis,
 /// half a cell more on each side for the bilinear weights, one sample more for the differences.

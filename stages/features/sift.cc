@@ -38,7 +38,8 @@ std::vector<Feature> DetectSift(const Input& input, const SiftOptions& options, 
   octave.image_width_px = image.width_px;
   octave.image_height_px = image.height_px;
   Plane base;
-  while (std::min(octave.width_px, octave.height_px) >= kSmallestOctave_px) {
+  const int end = options.first_octave + options.octaves;
+  while (octave.index < end && std::min(octave.width_px, octave.height_px) >= kSmallestOctave_px) {
     OctaveOutput output = RunOctave(octave, options.thresholds, options.describe, rule, input.tiling, kernels, context);
     features.Add(std::move(output.features));
     base = std::move(output.next);

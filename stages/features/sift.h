@@ -13,6 +13,7 @@ namespace rilievo::features {
 struct SiftOptions {
   int first_octave = -1;  ///< -1 doubles the image, 0 does not
   SiftThresholds thresholds;
+  int octaves = 4;       ///< at most; fewer for small images
   bool describe = true;  ///< false leaves out orientation and descriptor
 };
 

@@ -15,7 +15,7 @@ inline constexpr int kBlockRows = 8;
 /// Columns that a kernel may write beyond the end of what it was asked for.
 inline constexpr int kOvershoot_px = 64;
 /// Half width of the filter that doubles the image and brings it to the base blur, in pixels of the image.
-inline constexpr int kUpsampleRadius_px = 5;
+inline constexpr int kUpsampleRadius_px = 4;
 inline constexpr int kUpsampleTaps = 2 * kUpsampleRadius_px;
 
 /// Half width of the first blur when the image is not doubled; one of kBlurRadius_px.
@@ -37,7 +37,7 @@ struct BlurBlock {
 
 /// Two output rows of the doubled image around source row m: phase -1/4 and +1/4 of a source pixel.
 struct UpsampleBlock {
-  const float* in[kUpsampleTaps + 1];  ///< source rows m - 5 .. m + 5, grey levels, x counted from the same column
+  const float* in[kUpsampleTaps + 1];  ///< source rows m - 4 .. m + 4, grey levels, x counted from the same column
   std::uint16_t* out[2];               ///< rows 2m and 2m + 1
   int begin = 0, end = 0;              ///< columns of the source; columns 2 begin .. 2 end of out are written
   const float* weights = nullptr;      ///< kUpsampleTaps + 1 weights of phase -1/4; phase +1/4 is its mirror image

@@ -92,8 +92,8 @@ void Blur(const BlurBlock& block) {
   }
 }
 
-/// Doubling and first blur in one filter: phase +1/4 uses the weights backwards. Overshoots (the interpolation is
-/// cubic) are cut at black and white.
+/// Doubling and first blur in one filter: phase +1/4 uses the weights backwards. Interleaving does not saturate: values
+/// are kept in range here.
 template <class L>
 void Upsample(const UpsampleBlock& block) {
   using F = typename L::F;
@@ -102,7 +102,7 @@ void Upsample(const UpsampleBlock& block) {
   float* lower = block.scratch + block.scratch_stride;
   for (int x = block.begin - R; x < block.end + R; x += L::kWidth) {
     F a = L::Set(0.0F), b = L::Set(0.0F);
-#pragma GCC unroll 11
+#pragma GCC unroll 9
     for (int t = 0; t < kTaps; ++t) {
       const F v = L::Load(block.in[t] + x);
       a = L::Fma(L::Set(block.weights[t]), v, a);
@@ -116,7 +116,7 @@ void Upsample(const UpsampleBlock& block) {
     const float* in = row == 0 ? upper : lower;
     for (int x = block.begin; x < block.end; x += L::kWidth) {
       F even = L::Set(0.0F), odd = L::Set(0.0F);
-#pragma GCC unroll 11
+#pragma GCC unroll 9
       for (int t = 0; t < kTaps; ++t) {
         const F v = L::Load(in + x + (t - R));
         even = L::Fma(L::Set(block.weights[t]), v, even);

@@ -12,6 +12,9 @@
 namespace rilievo::features {
 namespace {
 
+/// Second moment of linear interpolation a quarter pixel off the samples.
+constexpr double kLinearVariance_px2 = 0.25 * 0.75;
+
 double Gaussian(double d, double sigma) { return Exp(-d * d / (2 * sigma * sigma)); }
 
 /// Weights of sample positions first, first + 1, ... scaled to the sum 1.
@@ -22,21 +25,14 @@ void FillNormalised(float* weights, int count, F&& weight_at) {
   for (int i = 0; i < count; ++i) weights[i] = static_cast<float>(weight_at(i) / sum);
 }
 
-/// Keys' cubic interpolation (1981, a = -1/2).
-double Cubic(double d) {
-  d = std::fabs(d);
-  if (d < 1) return (1.5 * d - 2.5) * d * d + 1;
-  if (d < 2) return ((-0.5 * d + 2.5) * d - 4) * d + 2;
-  return 0;
-}
-
-/// Cubic interpolation followed by a Gaussian, as one kernel: their convolution at distance d, by the midpoint rule.
-double BlurredCubic(double d, double sigma) {
+/// Linear interpolation followed by a Gaussian, as one kernel: their convolution at distance d, by the midpoint rule.
+/// The interpolation alone blurs by kLinearVariance_px2.
+double BlurredLinear(double d, double sigma) {
   constexpr int kSteps = 400;
   double sum = 0;
   for (int i = 0; i < kSteps; ++i) {
-    const double t = -2 + 4 * (i + 0.5) / kSteps;
-    sum += Cubic(t) * Gaussian(d - t, sigma);
+    const double t = -1 + 2 * (i + 0.5) / kSteps;
+    sum += (1 - std::fabs(t)) * Gaussian(d - t, sigma);
   }
   return sum;
 }
@@ -74,14 +70,16 @@ std::unique_ptr<SiftTables> MakeTables() {
   FillPatch(*tables);
   FillOrientation(*tables);
   for (std::size_t i = 0; i < kBlurs; ++i) {
-    const double before = LayerSigma(static_cast<double>(i)), after = LayerSigma(static_cast<double>(i) + 1);
+    const double before = LayerSigma(static_cast<double>(i), 0), after = LayerSigma(static_cast<double>(i) + 1, 0);
     const double sigma = std::sqrt(after * after - before * before);
     const int r = kBlurRadius_px[i];
     FillNormalised(tables->blur_weights[i], 2 * r + 1, [&](int t) { return Gaussian(t - r, sigma); });
   }
-  const double doubled = std::sqrt(0.25 * kBaseSigma * kBaseSigma - kCameraSigma * kCameraSigma);
+  // In pixels of the image: what is left when the camera and the interpolation have blurred.
+  const double doubled =
+      std::sqrt(0.25 * kDoubledSigma * kDoubledSigma - kCameraSigma * kCameraSigma - kLinearVariance_px2);
   FillNormalised(tables->upsample_weights, kUpsampleTaps + 1,
-                 [&](int t) { return BlurredCubic(t - kUpsampleRadius_px + 0.25, doubled); });
+                 [&](int t) { return BlurredLinear(t - kUpsampleRadius_px + 0.25, doubled); });
   const double first = std::sqrt(kBaseSigma * kBaseSigma - kCameraSigma * kCameraSigma);
   FillNormalised(tables->first_blur_weights, 2 * kFirstBlurRadius_px + 1,
                  [&](int t) { return Gaussian(t - kFirstBlurRadius_px, first); });
@@ -97,7 +95,9 @@ bool IsSupported(std::string_view name) {
 
 }  // namespace
 
-double LayerSigma(double layer) { return kBaseSigma * Exp2(layer / kScales); }
+double LayerSigma(double layer, double surplus_px2) {
+  return std::sqrt(kBaseSigma * kBaseSigma * Exp2(2 * layer / kScales) + surplus_px2);
+}
 
 const SiftTables& Tables() {
   static const std::unique_ptr<const SiftTables> tables = MakeTables();
