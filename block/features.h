@@ -9,8 +9,9 @@
 namespace rilievo {
 
 /// Position in the pixel frame (first pixel's centre (0.5, 0.5)), scale = sigma of detection in px, angle in rad
-/// (0 = +x, towards +y), response = contrast of the detector (|DoG| or det H), sign = +1 for a bright, -1 for a dark
-/// blob. Covariance of the position in px^2 for image noise of one grey level in 255, zero where it is not known.
+/// (0 = +x, towards +y), response = strength, by which features are chosen (SIFT: contrast over noise, |DoG| x scale;
+/// SURF: det H), sign = +1 for a bright, -1 for a dark blob. Covariance of the position in px^2 for image noise of one
+/// grey level in 255, zero where it is not known.
 struct Keypoint {
   float x_px = 0, y_px = 0, scale_px = 0, angle_rad = 0, response = 0;
   float cov_xx_px2 = 0, cov_xy_px2 = 0, cov_yy_px2 = 0;
