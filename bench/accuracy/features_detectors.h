@@ -18,7 +18,8 @@ features::Options AllFeatures();
 /// SIFT of the stage.
 ImageFeatures DetectOurs(const GreyImage& image, const features::Options& options, RunContext& context);
 
-/// The same with strips of that width instead of the stage's own; none while the stage cannot be told.
+/// The same with strips of that width instead of the stage's own, 0 for no strips at all (also where the image is
+/// doubled); none while the stage cannot be told.
 std::optional<ImageFeatures> DetectOursTiled(const GreyImage& image, const features::Options& options,
                                              int strip_width_px, RunContext& context);
 

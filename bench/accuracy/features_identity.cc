@@ -6,7 +6,8 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <span>
+#include <optional>
+#include <utility>
 
 #include "base/error.h"
 #include "base/hash.h"
@@ -76,9 +77,8 @@ std::vector<Variant> RunVariants(const GreyImage& image) {
   for (const int threads : {1, 2}) {
     ThreadedRunContext context(threads);
     variants.push_back({"own", threads, DetectOurs(image, options, context)});
-    for (const int width : {512, 1024, 4096, image.width_px}) {
-      variants.push_back({width == image.width_px ? "whole" : std::to_string(width), threads,
-                          DetectOursTiled(image, options, width, context)});
+    for (const auto& [name, width_px] : {std::pair{"512", 512}, {"1024", 1024}, {"4096", 4096}, {"whole", 0}}) {
+      variants.push_back({name, threads, DetectOursTiled(image, options, width_px, context)});
     }
   }
   return variants;

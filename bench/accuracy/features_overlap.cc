@@ -135,7 +135,11 @@ std::vector<RegionPair> OverlappingRegions(const PlanarPair& pair, const CommonP
     buckets.Near(origin, [&](std::uint32_t j) {
       const Eigen::Vector2d center = mapped[j].point - origin;
       if (center.norm() > factor * own) return;
-      const Eigen::Matrix2d axes = factor * radius_of(pair.second[j]) * mapped[j].affine;
+      const Eigen::Matrix2d& affine = mapped[j].affine;
+      const Eigen::Matrix2d form =
+          rule.is_similar ? Eigen::Matrix2d(Eigen::Matrix2d::Identity() * std::sqrt(std::abs(affine.determinant())))
+                          : affine;
+      const Eigen::Matrix2d axes = factor * radius_of(pair.second[j]) * form;
       const double areas = std::abs(axes.determinant()) / (factor * own * factor * own);
       if (std::min(areas, 1 / areas) < 1 - rule.largest_error) return;
       const double error = OverlapError(factor * own, center, axes * axes.transpose());

@@ -18,6 +18,9 @@ struct OverlapRule {
   /// regions as they are.
   double normal_radius_px = 30;
   double largest_error = 0.4;  ///< 1 - intersection / union
+  /// Circles stay circles: mapped by the mean scale of the local affine form. Foreshortening of about 2 and more makes
+  /// ellipses that no circle overlaps enough, so the protocol finds nothing at all between steep views.
+  bool is_similar = false;
 };
 
 /// 1 - intersection / union of the circle of `radius` about the origin and the ellipse (x - c)' shape^-1 (x - c) <= 1.

@@ -15,9 +15,9 @@
 namespace rilievo::bench {
 namespace {
 
-/// The published protocol, and the same without its leniency on positions (12 px of offset pass there): regions as they
-/// are, radius 3 sigma.
-constexpr OverlapRule kProtocol{}, kStrict{.normal_radius_px = 0};
+/// The published protocol; the same without its leniency on positions (12 px of offset pass there): regions as they
+/// are, radius 3 sigma; and that with positions and scales compared only, which steep views need.
+constexpr OverlapRule kProtocol{}, kStrict{.normal_radius_px = 0}, kCircles{.normal_radius_px = 0, .is_similar = true};
 
 /// Both descriptors of one detector's features.
 struct Detected {
@@ -97,7 +97,7 @@ Json Repeatability(const PlanarPair& pair, const OverlapRule& rule) {
   const auto found = OneToOne(OverlappingRegions(pair, common, rule), pair.first.size(), pair.second.size());
   const double share =
       common.Smaller() == 0 ? 0 : static_cast<double>(found.size()) / static_cast<double>(common.Smaller());
-  return {{"repeatability", share}, {"correspondences", found.size()}, {"in_common", common.Smaller()}};
+  return {{"share", share}, {"count", found.size()}, {"in_common", common.Smaller()}};
 }
 
 /// Nearest neighbours of all features, ratio 0.8, mutual; correct where the regions overlap enough; as a share of the
@@ -113,7 +113,7 @@ Json MatchingScore(const PlanarPair& pair, const std::vector<Descriptor>& first,
     return true_pairs.count({m.first, m.second}) > 0;
   }));
   const double share = common.Smaller() == 0 ? 0 : static_cast<double>(correct) / static_cast<double>(common.Smaller());
-  return {{"score", share}, {"correct", correct}, {"matches", matches.size()}, {"in_common", common.Smaller()}};
+  return {{"share", share}, {"count", correct}, {"matches", matches.size()}, {"in_common", common.Smaller()}};
 }
 
 Json PairFigures(const Detected& first, const Detected& second, const std::vector<Keypoint>& first_regions,
@@ -124,15 +124,16 @@ Json PairFigures(const Detected& first, const Detected& second, const std::vecto
         .first = a, .second = b, .first_size = first_size, .second_size = second_size, .second_from_first = h};
   };
   const PlanarPair regions = planar(first_regions, second_regions), all = planar(first.keypoints, second.keypoints);
-  return {
-      {"features", {first.keypoints.size(), second.keypoints.size()}},
-      {"regions", {first_regions.size(), second_regions.size()}},
-      {"repeatability", {{"protocol", Repeatability(regions, kProtocol)}, {"strict", Repeatability(regions, kStrict)}}},
-      {"matching",
-       {{"plain", MatchingScore(all, first.plain, second.plain, kProtocol)},
-        {"root", MatchingScore(all, first.root, second.root, kProtocol)},
-        {"plain strict", MatchingScore(all, first.plain, second.plain, kStrict)},
-        {"root strict", MatchingScore(all, first.root, second.root, kStrict)}}}};
+  Json repeatability, matching;
+  for (const auto& [name, rule] : {std::pair{"protocol", kProtocol}, {"strict", kStrict}, {"circles", kCircles}}) {
+    repeatability[name] = Repeatability(regions, rule);
+    matching[std::string("SIFT, ") + name] = MatchingScore(all, first.plain, second.plain, rule);
+    matching[std::string("RootSIFT, ") + name] = MatchingScore(all, first.root, second.root, rule);
+  }
+  return {{"features", {first.keypoints.size(), second.keypoints.size()}},
+          {"regions", {first_regions.size(), second_regions.size()}},
+          {"repeatability", repeatability},
+          {"matching", matching}};
 }
 
 }  // namespace
