@@ -1,0 +1,308 @@
+// SURF in strips that run down the image over a ring of rows of its integral image.
+#include "stages/features/surf.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstdlib>
+#include <numbers>
+
+#include "base/check.h"
+#include "stages/features/surf_feature.h"
+#include "stages/features/surf_geometry.h"
+#include "stages/features/surf_kernels.h"
+
+namespace rilievo::features {
+namespace {
+
+using namespace surf;
+
+/// Filters are evaluated this far beyond the columns of a strip: the coarsest sample on either side.
+constexpr int kMargin_px = 1 << (kOctaves - 1);
+constexpr int kMaskOfRing = kRingRows - 1;
+/// 12 bits: three 195 x 129 boxes of them stay below 2^31.
+constexpr int kLargestBits = 12;
+
+/// Half-sample reflection, however far outside: 2 1 0 | 0 1 2 .. n-1 | n-1 n-2.
+int Reflect(int i, int n) {
+  const int m = ((i % (2 * n)) + 2 * n) % (2 * n);
+  return m < n ? m : 2 * n - 1 - m;
+}
+
+int RingStride(int width_px) {
+  const int lines = (width_px + 2 * kReach_px + 1 + kOvershoot + 15) / 16;
+  return 16 * (lines | 1);  // an odd number of cache lines: rows spread over all sets of a cache
+}
+
+/// Grey levels as they are summed: 16-bit images are shifted to at most 12 bits by what their brightest pixel uses.
+struct Levels {
+  int shift = 0;
+  double unit = 1;  ///< of 255, of one summed level
+};
+
+Levels LevelsOf(const GreyImage& image) {
+  if (!image.Is16Bit()) return {};
+  const unsigned brightest = *std::max_element(image.u16.begin(), image.u16.end());
+  const int bits = std::bit_width(brightest), kept = std::min(bits, kLargestBits);
+  return {.shift = bits - kept, .unit = 1.0 / (1 << std::max(kept - 8, 0))};
+}
+
+/// Sampled rows of det H of one octave, the last three of each layer.
+struct OctaveRows {
+  int first = 0, end = 0;  ///< samples that the strip owns
+  int lead = 1;            ///< values before the first one
+  std::vector<float> rows[kLayers][3];
+};
+
+/// One strip after the other: the memory that they share and the way down the image.
+class StripRunner {
+ public:
+  StripRunner(const GreyImage& image, const SurfOptions& options, const SurfKernels& kernels, int width_px)
+      : image_(image), options_(options), kernels_(kernels), levels_(LevelsOf(image)), stride_(RingStride(width_px)) {
+    ring_.assign(static_cast<std::size_t>(stride_) * kRingRows, 0);
+    line_.assign(static_cast<std::size_t>(stride_), 0);
+    reflected_.assign(static_cast<std::size_t>(stride_), 0);
+    const auto padded = static_cast<std::size_t>(width_px + 2 * kMargin_px + kOvershoot);
+    for (auto& line : filter_lines_) line.assign(padded, 0);
+    for (auto& octave : octaves_) {
+      for (auto& layer : octave.rows) {
+        for (auto& row : layer) row.assign(padded, 0);
+      }
+    }
+    columns_.assign(padded, 0);
+  }
+
+  /// Appends the features whose discrete samples lie in columns [x_begin, x_end).
+  void Run(int x_begin, int x_end, const RunContext& context, std::vector<Feature>& found) {
+    x_begin_ = x_begin;
+    width_ = x_end - x_begin;
+    for (int o = 0; o < kOctaves; ++o) {
+      const int step = 1 << o;
+      octaves_[o].first = (x_begin + step - 1) >> o;
+      octaves_[o].end = (x_end + step - 1) >> o;
+      octaves_[o].lead = o == 0 ? kMargin_px : 1;
+    }
+    for (int i = 0; i < width_ + 2 * kReach_px; ++i) {
+      reflected_[static_cast<std::size_t>(i)] = Reflect(x_begin - kReach_px + i, image_.width_px);
+    }
+    std::fill_n(Row(-kReach_px), stride_, 0);
+    front_ = -kReach_px;
+    for (int y = 0; y < image_.height_px; ++y) {
+      if (y % 64 == 0) context.ThrowIfStopped();
+      while (front_ < y + kReach_px) AddRow();
+      Filters(y);
+      for (int o = 0; o < kOctaves && y % (1 << o) == 0; ++o) Search(o, (y >> o) - 1, found);
+    }
+  }
+
+ private:
+  /// Boundary row y of the ring; its element 0 is boundary column x_begin - kReach_px.
+  std::int32_t* Row(int y) {
+    return ring_.data() + static_cast<std::size_t>(y & kMaskOfRing) * static_cast<std::size_t>(stride_);
+  }
+
+  template <class Pixel>
+  void FillLine(const Pixel* row) {
+    // Locals, so that the compiler knows that storing does not change them.
+    const int n = image_.width_px, origin = x_begin_ - kReach_px, count = width_ + 2 * kReach_px, shift = levels_.shift;
+    std::uint16_t* line = line_.data();
+    const int inner_begin = std::max(0, -origin), inner_end = std::min(count, n - origin);
+    for (int i = inner_begin; i < inner_end; ++i) line[i] = static_cast<std::uint16_t>(row[origin + i] >> shift);
+    const int* reflected = reflected_.data();
+    for (int i = 0; i < inner_begin; ++i) line[i] = static_cast<std::uint16_t>(row[reflected[i]] >> shift);
+    for (int i = inner_end; i < count; ++i) line[i] = static_cast<std::uint16_t>(row[reflected[i]] >> shift);
+  }
+
+  /// The integral image down to the next boundary row.
+  void AddRow() {
+    const auto offset =
+        static_cast<std::size_t>(Reflect(front_, image_.height_px)) * static_cast<std::size_t>(image_.width_px);
+    if (image_.Is16Bit()) {
+      FillLine(image_.u16.data() + offset);
+    } else {
+      FillLine(image_.u8.data() + offset);
+    }
+    kernels_.integrate(line_.data(), width_ + 2 * kReach_px, Row(front_), Row(front_ + 1));
+    ++front_;
+  }
+
+  float* RowOf(int octave, int layer, int row) { return octaves_[octave].rows[layer][row % 3].data(); }
+
+  /// det H of all filters that are sampled in pixel row y, spread to the octaves that sample this row.
+  void Filters(int y) {
+    const float* lines[kFilters] = {};
+    for (int f = 0; f < kFilters && y % (1 << kFilter[f].shift) == 0; ++f) {
+      const int l = kFilter[f].Lobe(), far = (3 * l - 1) / 2, near = (l - 1) / 2;
+      const int offsets[10] = {-(l - 1), l, -far, -near, near + 1, far + 1, -l, 0, 1, l + 1};
+      HessianRow row{};
+      for (int i = 0; i < 10; ++i) row.rows[i] = Row(y + offsets[i]) + kReach_px - kMargin_px;
+      row.count = width_ + 2 * kMargin_px;
+      row.lobe = l;
+      row.inverse_area = static_cast<float>(levels_.unit / (kFilter[f].size_px * kFilter[f].size_px));
+      row.out = kFilter[f].shift == 0 ? RowOf(0, f, y) : filter_lines_[f].data();
+      kernels_.hessian(row);
+      lines[f] = row.out;
+    }
+    for (int o = 1; o < kOctaves && y % (1 << o) == 0; ++o) {
+      const OctaveRows& octave = octaves_[o];
+      for (int layer = 0; layer < kLayers; ++layer) {
+        const float* from = lines[kOctave[o][layer]] + (((octave.first - 1) << o) - (x_begin_ - kMargin_px));
+        float* to = RowOf(o, layer, y >> o);
+        const int count = octave.end - octave.first + 2;
+        for (int i = 0; i < count; ++i) to[i] = from[i << o];
+      }
+    }
+  }
+
+  /// Extrema in sample row `row` of an octave, whose row below is the last one known.
+  void Search(int o, int row, std::vector<Feature>& found) {
+    const OctaveRows& octave = octaves_[o];
+    for (int layer = 1; layer <= 2; ++layer) {
+      // The neighbours' filters must lie inside the image.
+      const int margin_px = kFilter[kOctave[o][layer + 1]].Reach() + (1 << o);
+      const int y_px = row * (1 << o);
+      if (y_px < margin_px || y_px > image_.height_px - 1 - margin_px) continue;
+      const int begin = std::max(octave.first, (margin_px + (1 << o) - 1) >> o);
+      const int last_px = image_.width_px - 1 - margin_px;
+      if (last_px < 0) continue;
+      const int end = std::min(octave.end, (last_px >> o) + 1);
+      if (begin >= end) continue;
+      ExtremaRow extrema{};
+      for (int k = 0; k < 3; ++k) {
+        for (int j = 0; j < 3; ++j) {
+          extrema.layers[k][j] = RowOf(o, layer - 1 + k, row - 1 + j) + octave.lead + (begin - octave.first);
+        }
+      }
+      extrema.count = end - begin;
+      extrema.threshold = static_cast<float>(options_.hessian_threshold);
+      const int count = kernels_.extrema(extrema, columns_.data());
+      for (int i = 0; i < count; ++i) {
+        Neighborhood around;
+        const int column = columns_[static_cast<std::size_t>(i)];
+        for (int k = 0; k < 27; ++k)
+          around.value[k / 9][k / 3 % 3][k % 3] = extrema.layers[k / 9][k / 3 % 3][column + k % 3 - 1];
+        AddFeature(o, layer, row, begin + column, around, found);
+      }
+    }
+  }
+
+  void AddFeature(int o, int layer, int row, int column, const Neighborhood& around, std::vector<Feature>& found) {
+    const Offset offset = Interpolate(around);
+    if (!offset.is_inside) return;
+    const int step = 1 << o, f = kOctave[o][layer];
+    const double spacing = kFilter[kOctave[o][layer + 1]].size_px - kFilter[f].size_px;
+    Feature feature;
+    Keypoint& k = feature.keypoint;
+    k.x_px = static_cast<float>((column + offset.x) * step + 0.5);
+    k.y_px = static_cast<float>((row + offset.y) * step + 0.5);
+    k.scale_px = static_cast<float>(kScalePerSize * (kFilter[f].size_px + offset.layer * spacing));
+    k.response = around.value[1][1][1];
+    k.sign = SignAt(column * step, row * step, kFilter[f].Lobe());
+
+    Window window{.integral = {.data = ring_.data(),
+                               .row_mask = kMaskOfRing,
+                               .stride = stride_,
+                               .origin_x = x_begin_ - kReach_px},
+                  .x_px = k.x_px,
+                  .y_px = k.y_px,
+                  .scale_px = k.scale_px};
+    if (!options_.upright) {
+      CircleResponses responses;
+      kernels_.circle(window, SurfTables(), &responses);
+      const Direction direction = DirectionOf(responses);
+      window.cosine = static_cast<float>(direction.cosine);
+      window.sine = static_cast<float>(direction.sine);
+      k.angle_rad = static_cast<float>(AngleOf(direction));
+      if (k.angle_rad >= static_cast<float>(2 * std::numbers::pi)) k.angle_rad = 0;
+    }
+    float sums[kComponents][kCells];
+    kernels_.describe(window, SurfTables(), sums);
+    feature.descriptor = ToBytes(sums, options_.elements);
+    found.push_back(feature);
+  }
+
+  /// +1 where the trace of H is negative: a bright blob.
+  int SignAt(int x, int y, int l) {
+    const auto box = [&](int x0, int y0, int x1, int y1) {
+      const auto at = [&](int column, int line) {
+        return static_cast<std::uint32_t>(Row(line)[column - x_begin_ + kReach_px]);
+      };
+      return static_cast<std::int32_t>(at(x1, y1) - at(x0, y1) - at(x1, y0) + at(x0, y0));
+    };
+    const int far = (3 * l - 1) / 2, near = (l - 1) / 2;
+    const int d_xx = box(x - far, y - l + 1, x + far + 1, y + l) - 3 * box(x - near, y - l + 1, x + near + 1, y + l);
+    const int d_yy = box(x - l + 1, y - far, x + l, y + far + 1) - 3 * box(x - l + 1, y - near, x + l, y + near + 1);
+    return std::int64_t{d_xx} + d_yy < 0 ? 1 : -1;
+  }
+
+  const GreyImage& image_;
+  const SurfOptions& options_;
+  const SurfKernels& kernels_;
+  const Levels levels_;
+  const int stride_;
+  int x_begin_ = 0, width_ = 0, front_ = 0;
+  std::vector<std::int32_t> ring_, columns_;
+  std::vector<int> reflected_;  ///< column of the image by element of line_
+  std::vector<std::uint16_t> line_;
+  std::vector<float> filter_lines_[kFilters];
+  OctaveRows octaves_[kOctaves];
+};
+
+/// The kernels of this processor or of RILIEVO_KERNELS, read once.
+const SurfKernels& ProcessKernels() {
+  static const SurfKernels& kernels = []() -> const SurfKernels& {
+    const char* forced = std::getenv("RILIEVO_KERNELS");
+    return ChooseSurfKernels(forced == nullptr ? "" : forced);
+  }();
+  return kernels;
+}
+
+int StripWidth(int width_px, const Tiling& tiling) {
+  return std::clamp(tiling.strip_width_px, 1, std::max(width_px, 1));
+}
+
+}  // namespace
+
+std::vector<Feature> DetectSurf(const Input& input, const SurfOptions& options, const Tiling& tiling,
+                                RunContext& context) {
+  return DetectSurf(input, options, tiling, context, ProcessKernels());
+}
+
+std::vector<Feature> DetectSurf(const Input& input, const SurfOptions& options, const Tiling& tiling,
+                                RunContext& context, const SurfKernels& kernels) {
+  const GreyImage& image = input.image;
+  RILIEVO_CHECK(options.elements == 64 || options.elements == 128);
+  RILIEVO_CHECK((image.Is16Bit() ? image.u16.size() : image.u8.size()) ==
+                static_cast<std::size_t>(image.width_px) * static_cast<std::size_t>(image.height_px));
+  context.ThrowIfStopped();
+  if (image.width_px <= 0 || image.height_px <= 0) return {};
+  const int width_px = StripWidth(image.width_px, tiling);
+  const auto strips = static_cast<std::size_t>((image.width_px + width_px - 1) / width_px);
+  const std::size_t chunks = std::min(strips, static_cast<std::size_t>(std::max(tiling.chunks, 1)));
+  std::vector<std::vector<Feature>> found(chunks);
+  context.ParallelFor(chunks, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t chunk = begin; chunk < end; ++chunk) {
+      StripRunner runner(image, options, kernels, width_px);
+      for (std::size_t strip = chunk * strips / chunks; strip < (chunk + 1) * strips / chunks; ++strip) {
+        const int x = static_cast<int>(strip) * width_px;
+        runner.Run(x, std::min(x + width_px, image.width_px), context, found[chunk]);
+      }
+    }
+  });
+  std::vector<Feature> all;
+  for (auto& part : found) {
+    all.insert(all.end(), part.begin(), part.end());
+    part = {};
+  }
+  return all;
+}
+
+std::uint64_t SurfPeakBytes(int width_px, const Tiling& tiling) {
+  const int width = StripWidth(width_px, tiling);
+  const auto strips = static_cast<std::uint64_t>((std::max(width_px, 1) + width - 1) / width);
+  const auto padded = static_cast<std::uint64_t>(width + 2 * kMargin_px + kOvershoot);
+  const std::uint64_t each = static_cast<std::uint64_t>(RingStride(width)) * (4 * kRingRows + 2 + 4) +
+                             padded * (4 * kFilters + 4 * 3 * kLayers * kOctaves + 4) + 65536;
+  return each * std::min(strips, static_cast<std::uint64_t>(std::max(tiling.chunks, 1)));
+}
+
+}  // namespace rilievo::features
