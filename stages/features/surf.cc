@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <bit>
-#include <cstdlib>
 #include <numbers>
 
 #include "base/check.h"
+#include "stages/features/kernel_choice.h"
 #include "stages/features/surf_feature.h"
 #include "stages/features/surf_geometry.h"
 #include "stages/features/surf_kernels.h"
@@ -249,10 +249,7 @@ class StripRunner {
 
 /// The kernels of this processor or of RILIEVO_KERNELS, read once.
 const SurfKernels& ProcessKernels() {
-  static const SurfKernels& kernels = []() -> const SurfKernels& {
-    const char* forced = std::getenv("RILIEVO_KERNELS");
-    return ChooseSurfKernels(forced == nullptr ? "" : forced);
-  }();
+  static const SurfKernels& kernels = ChooseSurfKernels(ForcedKernels());
   return kernels;
 }
 
