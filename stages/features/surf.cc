@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <bit>
+#include <memory>
 #include <numbers>
+#include <type_traits>
 
 #include "base/check.h"
 #include "stages/features/kernel_choice.h"
@@ -33,6 +35,17 @@ int RingStride(int width_px) {
   return 16 * (lines | 1);  // an odd number of cache lines: rows spread over all sets of a cache
 }
 
+/// Every 2^octave-th value; the steps are constants so that the compiler shuffles vectors.
+void Decimate(const float* from, int octave, int count, float* to) {
+  const auto copy = [&](auto step) {
+    for (int i = 0; i < count; ++i) to[i] = from[step * i];
+  };
+  if (octave == 1) copy(std::integral_constant<int, 2>{});
+  if (octave == 2) copy(std::integral_constant<int, 4>{});
+  if (octave == 3) copy(std::integral_constant<int, 8>{});
+  static_assert(kOctaves == 4);
+}
+
 /// Grey levels as they are summed: 16-bit images are shifted to at most 12 bits by what their brightest pixel uses.
 struct Levels {
   int shift = 0;
@@ -58,7 +71,7 @@ class StripRunner {
  public:
   StripRunner(const GreyImage& image, const SurfOptions& options, const SurfKernels& kernels, int width_px)
       : image_(image), options_(options), kernels_(kernels), levels_(LevelsOf(image)), stride_(RingStride(width_px)) {
-    ring_.assign(static_cast<std::size_t>(stride_) * kRingRows, 0);
+    ring_ = std::make_unique_for_overwrite<std::int32_t[]>(static_cast<std::size_t>(stride_) * kRingRows);
     line_.assign(static_cast<std::size_t>(stride_), 0);
     reflected_.assign(static_cast<std::size_t>(stride_), 0);
     const auto padded = static_cast<std::size_t>(width_px + 2 * kMargin_px + kOvershoot);
@@ -97,7 +110,7 @@ class StripRunner {
  private:
   /// Boundary row y of the ring; its element 0 is boundary column x_begin - kReach_px.
   std::int32_t* Row(int y) {
-    return ring_.data() + static_cast<std::size_t>(y & kMaskOfRing) * static_cast<std::size_t>(stride_);
+    return ring_.get() + static_cast<std::size_t>(y & kMaskOfRing) * static_cast<std::size_t>(stride_);
   }
 
   template <class Pixel>
@@ -106,6 +119,12 @@ class StripRunner {
     const int n = image_.width_px, origin = x_begin_ - kReach_px, count = width_ + 2 * kReach_px, shift = levels_.shift;
     std::uint16_t* line = line_.data();
     const int inner_begin = std::max(0, -origin), inner_end = std::min(count, n - origin);
+    // A row of an image is another page of memory: asked for in time.
+    if (front_ >= 0 && front_ + 3 < image_.height_px) {
+      for (int i = inner_begin; i < inner_end; i += static_cast<int>(64 / sizeof(Pixel))) {
+        __builtin_prefetch(row + 2 * static_cast<std::ptrdiff_t>(n) + origin + i);
+      }
+    }
     for (int i = inner_begin; i < inner_end; ++i) line[i] = static_cast<std::uint16_t>(row[origin + i] >> shift);
     const int* reflected = reflected_.data();
     for (int i = 0; i < inner_begin; ++i) line[i] = static_cast<std::uint16_t>(row[reflected[i]] >> shift);
@@ -146,9 +165,7 @@ class StripRunner {
       const OctaveRows& octave = octaves_[o];
       for (int layer = 0; layer < kLayers; ++layer) {
         const float* from = lines[kOctave[o][layer]] + (((octave.first - 1) << o) - (x_begin_ - kMargin_px));
-        float* to = RowOf(o, layer, y >> o);
-        const int count = octave.end - octave.first + 2;
-        for (int i = 0; i < count; ++i) to[i] = from[i << o];
+        Decimate(from, o, octave.end - octave.first + 2, RowOf(o, layer, y >> o));
       }
     }
   }
@@ -198,13 +215,11 @@ class StripRunner {
     k.response = around.value[1][1][1];
     k.sign = SignAt(column * step, row * step, kFilter[f].Lobe());
 
-    Window window{.integral = {.data = ring_.data(),
-                               .row_mask = kMaskOfRing,
-                               .stride = stride_,
-                               .origin_x = x_begin_ - kReach_px},
-                  .x_px = k.x_px,
-                  .y_px = k.y_px,
-                  .scale_px = k.scale_px};
+    Window window{
+        .integral = {.data = ring_.get(), .row_mask = kMaskOfRing, .stride = stride_, .origin_x = x_begin_ - kReach_px},
+        .x_px = k.x_px,
+        .y_px = k.y_px,
+        .scale_px = k.scale_px};
     if (!options_.upright) {
       CircleResponses responses;
       kernels_.circle(window, SurfTables(), &responses);
@@ -240,7 +255,8 @@ class StripRunner {
   const Levels levels_;
   const int stride_;
   int x_begin_ = 0, width_ = 0, front_ = 0;
-  std::vector<std::int32_t> ring_, columns_;
+  std::unique_ptr<std::int32_t[]> ring_;
+  std::vector<std::int32_t> columns_;
   std::vector<int> reflected_;  ///< column of the image by element of line_
   std::vector<std::uint16_t> line_;
   std::vector<float> filter_lines_[kFilters];

@@ -51,29 +51,31 @@ Offset Interpolate(const Neighborhood& around) {
 Direction DirectionOf(const CircleResponses& responses) {
   constexpr int kSector = kBins / 6;
   static_assert(kSector == 12);
-  using Ring = std::array<double, kBins + kSector>;
-  Ring x{}, y{};
+  constexpr std::size_t kEnd = kBins + kSector;
+  double ring[kEnd][2] = {};  // sums of x and y, then of sectors that begin at a bin
   for (int i = 0; i < kCircleSamples; ++i) {
-    const auto bin = static_cast<std::size_t>(responses.bin[i]);
-    x[bin] += static_cast<double>(responses.x[i]);
-    y[bin] += static_cast<double>(responses.y[i]);
+    double* sum = ring[responses.bin[i]];
+    sum[0] += static_cast<double>(responses.x[i]);
+    sum[1] += static_cast<double>(responses.y[i]);
   }
-  const auto sum_sectors = [](Ring& ring) {
-    std::copy(ring.begin(), ring.begin() + kSector, ring.begin() + kBins);
-    constexpr std::size_t kEnd = kBins + kSector;
-    for (std::size_t k = 0; k < kEnd - 2; ++k) ring[k] = ring[k] + ring[k + 1] + ring[k + 2];
-    for (std::size_t k = 0; k < kEnd - 5; ++k) ring[k] = ring[k] + ring[k + 3];
-    for (std::size_t k = 0; k < kBins; ++k) ring[k] = ring[k] + ring[k + 6];
+  std::copy(&ring[0][0], &ring[kSector][0], &ring[kBins][0]);
+  const auto widen = [&ring](std::size_t begin_of_last, std::size_t by) {
+    for (std::size_t k = 0; k < begin_of_last; ++k) {
+      for (std::size_t axis = 0; axis < 2; ++axis) ring[k][axis] += ring[k + by][axis];
+    }
   };
-  sum_sectors(x);
-  sum_sectors(y);
+  for (std::size_t k = 0; k < kEnd - 2; ++k) {
+    for (std::size_t axis = 0; axis < 2; ++axis) ring[k][axis] += ring[k + 1][axis] + ring[k + 2][axis];
+  }
+  widen(kEnd - 5, 3);
+  widen(kBins, 6);
   double longest_sq = 0;
   Direction best;
   for (std::size_t k = 0; k < kBins; ++k) {
-    const double length_sq = x[k] * x[k] + y[k] * y[k];
+    const double length_sq = ring[k][0] * ring[k][0] + ring[k][1] * ring[k][1];
     if (length_sq <= longest_sq) continue;
     longest_sq = length_sq;
-    best = {x[k], y[k]};
+    best = {ring[k][0], ring[k][1]};
   }
   if (longest_sq == 0) return {};
   const double length = std::sqrt(longest_sq);

@@ -30,25 +30,37 @@ void Hessian(const surf::HessianRow& row) {
   std::int32_t xx[kWidest], yy[kWidest], xy[kWidest];
   const int l = row.lobe, reach = (3 * l - 1) / 2;
   const F scale = L::Set(row.inverse_area), scale_xy = L::Set(0.9F * row.inverse_area);
+  const auto load = [](const std::int32_t* p) { return L::LoadI(p); };
+  const auto thrice = [](I v) { return L::WrapAdd(v, L::WrapAdd(v, v)); };
   for (int begin = 0; begin < row.count; begin += kBlock) {
-    const int count = row.count - begin < kBlock ? row.count - begin : kBlock;
-    for (int i = 0; i < count + 3 * l; i += L::kWidth) {
-      const int x = begin - reach + i;
-      const auto at = [&](int r) { return L::LoadI(row.rows[r] + x); };
-      L::StoreI(xx + i, L::WrapSub(at(1), at(0)));
-      const I middle = L::WrapSub(at(4), at(3));
-      L::StoreI(yy + i, L::WrapSub(L::WrapSub(at(5), at(2)), L::WrapAdd(middle, L::WrapAdd(middle, middle))));
-      L::StoreI(xy + i, L::WrapSub(L::WrapSub(at(9), at(8)), L::WrapSub(at(7), at(6))));
+    const int count = row.count - begin < kBlock ? row.count - begin : kBlock, columns = count + 3 * l;
+    // Pointers of their own: a vector store could change those in `row` for all that the compiler knows.
+    const auto at = [&](int r) { return row.rows[r] + begin - reach; };
+    {
+      const std::int32_t *p0 = at(0), *p1 = at(1), *p2 = at(2), *p3 = at(3), *p4 = at(4), *p5 = at(5);
+      for (int i = 0; i < columns; i += L::kWidth) {
+        L::StoreI(xx + i, L::WrapSub(load(p1 + i), load(p0 + i)));
+        const I whole = L::WrapSub(load(p5 + i), load(p2 + i));
+        L::StoreI(yy + i, L::WrapSub(whole, thrice(L::WrapSub(load(p4 + i), load(p3 + i)))));
+      }
     }
+    {
+      const std::int32_t *p6 = at(6), *p7 = at(7), *p8 = at(8), *p9 = at(9);
+      for (int i = 0; i < columns; i += L::kWidth) {
+        L::StoreI(xy + i, L::WrapSub(L::WrapSub(load(p9 + i), load(p8 + i)), L::WrapSub(load(p7 + i), load(p6 + i))));
+      }
+    }
+    // Each line from the column that comes first for pixel 0: -reach, -(l - 1), -l.
+    const std::int32_t *line_xx = xx, *line_yy = yy + (reach - l + 1), *line_xy = xy + (reach - l);
+    float* out = row.out + begin;
     for (int i = 0; i < count; i += L::kWidth) {
-      const auto at = [&](const std::int32_t* line, int dx) { return L::LoadI(line + i + reach + dx); };
-      const I middle = L::WrapSub(at(xx, (l + 1) / 2), at(xx, -(l - 1) / 2));
-      const I whole = L::WrapSub(at(xx, (3 * l + 1) / 2), at(xx, -reach));
-      const F d_xx = scale * L::ToFloat(L::WrapSub(whole, L::WrapAdd(middle, L::WrapAdd(middle, middle))));
-      const F d_yy = scale * L::ToFloat(L::WrapSub(at(yy, l), at(yy, -(l - 1))));
-      const F d_xy =
-          scale_xy * L::ToFloat(L::WrapSub(L::WrapSub(at(xy, l + 1), at(xy, 1)), L::WrapSub(at(xy, 0), at(xy, -l))));
-      L::Store(row.out + begin + i, L::Fma(d_xx, d_yy, L::Set(0.0F) - d_xy * d_xy));
+      const I whole = L::WrapSub(load(line_xx + i + 3 * l), load(line_xx + i));
+      const I middle = L::WrapSub(load(line_xx + i + 2 * l), load(line_xx + i + l));
+      const F d_xx = scale * L::ToFloat(L::WrapSub(whole, thrice(middle)));
+      const F d_yy = scale * L::ToFloat(L::WrapSub(load(line_yy + i + (2 * l - 1)), load(line_yy + i)));
+      const I right = L::WrapSub(load(line_xy + i + (2 * l + 1)), load(line_xy + i + (l + 1)));
+      const F d_xy = scale_xy * L::ToFloat(L::WrapSub(right, L::WrapSub(load(line_xy + i + l), load(line_xy + i))));
+      L::Store(out + i, L::Fma(d_xx, d_yy, L::Set(0.0F) - d_xy * d_xy));
     }
   }
 }
@@ -136,7 +148,7 @@ void Circle(const surf::Window& window, const surf::Tables& tables, surf::Circle
   using F = typename L::F;
   const HaarProbe<L> probe(window.integral, 2 * window.scale_px);
   const F s = L::Set(window.scale_px), x0 = L::Set(window.x_px), y0 = L::Set(window.y_px);
-  for (int i = 0; i < surf::kPaddedCircle; i += L::kWidth) {
+  for (int i = 0; i < surf::kCircleSamples; i += L::kWidth) {
     const auto response =
         probe.At(L::Fma(s, L::Load(tables.circle_u + i), x0), L::Fma(s, L::Load(tables.circle_v + i), y0));
     const F weight = L::Load(tables.circle_weight + i);
