@@ -78,6 +78,7 @@ struct Avx2 {
   }
   static I WrapAdd(I a, I b) { return {_mm256_add_epi32(a.v, b.v)}; }
   static I WrapSub(I a, I b) { return {_mm256_sub_epi32(a.v, b.v)}; }
+  static I ShiftRight(I a, int bits) { return {_mm256_srl_epi32(a.v, _mm_cvtsi32_si128(bits))}; }
   static I PrefixSum(I a) {
     __m256i v = _mm256_add_epi32(a.v, _mm256_slli_si256(a.v, 4));
     v = _mm256_add_epi32(v, _mm256_slli_si256(v, 8));

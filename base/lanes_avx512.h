@@ -70,6 +70,7 @@ struct Avx512 {
   }
   static I WrapAdd(I a, I b) { return {_mm512_add_epi32(a.v, b.v)}; }
   static I WrapSub(I a, I b) { return {_mm512_sub_epi32(a.v, b.v)}; }
+  static I ShiftRight(I a, int bits) { return {_mm512_srl_epi32(a.v, _mm_cvtsi32_si128(bits))}; }
   static I PrefixSum(I a) {
     const __m512i zero = _mm512_setzero_si512();
     __m512i v = _mm512_add_epi32(a.v, _mm512_alignr_epi32(a.v, zero, 15));

@@ -83,6 +83,7 @@ struct Scalar {
   static I LoadU16I(const std::uint16_t* p) { return *p; }
   static I WrapAdd(I a, I b) { return static_cast<I>(static_cast<std::uint32_t>(a) + static_cast<std::uint32_t>(b)); }
   static I WrapSub(I a, I b) { return static_cast<I>(static_cast<std::uint32_t>(a) - static_cast<std::uint32_t>(b)); }
+  static I ShiftRight(I a, int bits) { return static_cast<I>(static_cast<std::uint32_t>(a) >> bits); }
   /// Lane i becomes the sum of the lanes 0..i; of the last lane of that, a copy in every lane.
   static I PrefixSum(I v) { return v; }
   static I LastLane(I v) { return v; }

@@ -21,8 +21,8 @@ using namespace surf;
 /// Filters are evaluated this far beyond the columns of a strip: the coarsest sample on either side.
 constexpr int kMargin_px = 1 << (kOctaves - 1);
 constexpr int kMaskOfRing = kRingRows - 1;
-/// 12 bits: three 195 x 129 boxes of them stay below 2^31.
-constexpr int kLargestBits = 12;
+/// Of summed pixels: differences of 195 x 129 boxes of them stay below 2^31.
+constexpr int kBits = 12;
 
 /// Half-sample reflection, however far outside: 2 1 0 | 0 1 2 .. n-1 | n-1 n-2.
 int Reflect(int i, int n) {
@@ -46,17 +46,18 @@ void Decimate(const float* from, int octave, int count, float* to) {
   static_assert(kOctaves == 4);
 }
 
-/// Grey levels as they are summed: 16-bit images are shifted to at most 12 bits by what their brightest pixel uses.
+/// 16-bit images are shifted to at most 12 bits by what their brightest pixel uses; then all are smoothed (weights of
+/// sum 256) and shifted to 12 bits, 16 units a grey level of 255.
 struct Levels {
-  int shift = 0;
-  double unit = 1;  ///< of 255, of one summed level
+  int shift_before = 0, shift_after = 8 + 8 - kBits;
 };
+constexpr double kLevelsPerUnit = 1.0 / (1 << (kBits - 8));
 
 Levels LevelsOf(const GreyImage& image) {
   if (!image.Is16Bit()) return {};
-  const unsigned brightest = *std::max_element(image.u16.begin(), image.u16.end());
-  const int bits = std::bit_width(brightest), kept = std::min(bits, kLargestBits);
-  return {.shift = bits - kept, .unit = 1.0 / (1 << std::max(kept - 8, 0))};
+  const int bits = std::bit_width(static_cast<unsigned>(*std::max_element(image.u16.begin(), image.u16.end())));
+  const int kept = std::clamp(bits, 8, kBits);
+  return {.shift_before = std::max(bits - kept, 0), .shift_after = kept + 8 - kBits};
 }
 
 /// Sampled rows of det H of one octave, the last three of each layer.
@@ -94,8 +95,8 @@ class StripRunner {
       octaves_[o].end = (x_end + step - 1) >> o;
       octaves_[o].lead = o == 0 ? kMargin_px : 1;
     }
-    for (int i = 0; i < width_ + 2 * kReach_px; ++i) {
-      reflected_[static_cast<std::size_t>(i)] = Reflect(x_begin - kReach_px + i, image_.width_px);
+    for (int i = 0; i < LineLength(); ++i) {
+      reflected_[static_cast<std::size_t>(i)] = Reflect(x_begin - kReach_px - 2 + i, image_.width_px);
     }
     std::fill_n(Row(-kReach_px), stride_, 0);
     front_ = -kReach_px;
@@ -113,34 +114,47 @@ class StripRunner {
     return ring_.get() + static_cast<std::size_t>(y & kMaskOfRing) * static_cast<std::size_t>(stride_);
   }
 
+  /// One row of the image smoothed down its columns, from two columns before the ring's first to two after its last:
+  /// binomial weights 1 4 6 4 1 of sum 16.
   template <class Pixel>
-  void FillLine(const Pixel* row) {
+  void FillLine(const Pixel* image) {
+    const Pixel* rows[5];
+    for (int k = 0; k < 5; ++k) {
+      rows[k] = image + static_cast<std::size_t>(Reflect(front_ + k - 2, image_.height_px)) *
+                            static_cast<std::size_t>(image_.width_px);
+    }
     // Locals, so that the compiler knows that storing does not change them.
-    const int n = image_.width_px, origin = x_begin_ - kReach_px, count = width_ + 2 * kReach_px, shift = levels_.shift;
+    const Pixel *r0 = rows[0], *r1 = rows[1], *r2 = rows[2], *r3 = rows[3], *r4 = rows[4];
+    const int n = image_.width_px, origin = x_begin_ - kReach_px - 2, count = LineLength(),
+              shift = levels_.shift_before;
+    const int inner_begin = std::clamp(-origin, 0, count), inner_end = std::clamp(n - origin, inner_begin, count);
     std::uint16_t* line = line_.data();
-    const int inner_begin = std::max(0, -origin), inner_end = std::min(count, n - origin);
+    const auto smooth = [=](int x) {
+      const auto at = [x, shift](const Pixel* row) { return static_cast<std::uint16_t>(row[x] >> shift); };
+      return static_cast<std::uint16_t>(at(r0) + at(r4) + 4 * (at(r1) + at(r3)) + 6 * at(r2));
+    };
     // A row of an image is another page of memory: asked for in time.
-    if (front_ >= 0 && front_ + 3 < image_.height_px) {
+    if (front_ >= 0 && front_ + 5 < image_.height_px) {
       for (int i = inner_begin; i < inner_end; i += static_cast<int>(64 / sizeof(Pixel))) {
-        __builtin_prefetch(row + 2 * static_cast<std::ptrdiff_t>(n) + origin + i);
+        __builtin_prefetch(r4 + 2 * static_cast<std::ptrdiff_t>(n) + origin + i);
       }
     }
-    for (int i = inner_begin; i < inner_end; ++i) line[i] = static_cast<std::uint16_t>(row[origin + i] >> shift);
+    for (int i = inner_begin; i < inner_end; ++i) line[i] = smooth(origin + i);
     const int* reflected = reflected_.data();
-    for (int i = 0; i < inner_begin; ++i) line[i] = static_cast<std::uint16_t>(row[reflected[i]] >> shift);
-    for (int i = inner_end; i < count; ++i) line[i] = static_cast<std::uint16_t>(row[reflected[i]] >> shift);
+    for (int i = 0; i < inner_begin; ++i) line[i] = smooth(reflected[i]);
+    for (int i = inner_end; i < count; ++i) line[i] = smooth(reflected[i]);
   }
+
+  int LineLength() const { return width_ + 2 * kReach_px + 4; }
 
   /// The integral image down to the next boundary row.
   void AddRow() {
-    const auto offset =
-        static_cast<std::size_t>(Reflect(front_, image_.height_px)) * static_cast<std::size_t>(image_.width_px);
     if (image_.Is16Bit()) {
-      FillLine(image_.u16.data() + offset);
+      FillLine(image_.u16.data());
     } else {
-      FillLine(image_.u8.data() + offset);
+      FillLine(image_.u8.data());
     }
-    kernels_.integrate(line_.data(), width_ + 2 * kReach_px, Row(front_), Row(front_ + 1));
+    kernels_.integrate(line_.data(), width_ + 2 * kReach_px, levels_.shift_after, Row(front_), Row(front_ + 1));
     ++front_;
   }
 
@@ -156,7 +170,7 @@ class StripRunner {
       for (int i = 0; i < 10; ++i) row.rows[i] = Row(y + offsets[i]) + kReach_px - kMargin_px;
       row.count = width_ + 2 * kMargin_px;
       row.lobe = l;
-      row.inverse_area = static_cast<float>(levels_.unit / (kFilter[f].size_px * kFilter[f].size_px));
+      row.inverse_area = static_cast<float>(kLevelsPerUnit / (kFilter[f].size_px * kFilter[f].size_px));
       row.out = kFilter[f].shift == 0 ? RowOf(0, f, y) : filter_lines_[f].data();
       kernels_.hessian(row);
       lines[f] = row.out;

@@ -68,8 +68,10 @@ const Tables& SurfTables();
 
 struct SurfKernels {
   std::string_view name;
-  /// below[i + 1] = above[i + 1] + pixels[0] + .. + pixels[i], below[0] = above[0].
-  void (*integrate)(const std::uint16_t* pixels, int count, const std::int32_t* above, std::int32_t* below) = nullptr;
+  /// below[i + 1] = above[i + 1] + p[0] + .. + p[i], below[0] = above[0], where p[i] is line[i .. i + 4] under the
+  /// binomial weights 1 4 6 4 1, shifted right by `shift`, rounded.
+  void (*integrate)(const std::uint16_t* line, int count, int shift, const std::int32_t* above,
+                    std::int32_t* below) = nullptr;
   void (*hessian)(const surf::HessianRow&) = nullptr;
   /// Samples above the threshold that exceed their 26 neighbours (equal ones: the first in the order of layers, rows,
   /// columns wins). Writes their columns in ascending order, returns how many.

@@ -10,12 +10,18 @@
 namespace rilievo::features {
 
 template <class L>
-void Integrate(const std::uint16_t* pixels, int count, const std::int32_t* above, std::int32_t* below) {
+void Integrate(const std::uint16_t* line, int count, int shift, const std::int32_t* above, std::int32_t* below) {
   using I = typename L::I;
+  const I half = L::Set(std::int32_t{1} << (shift - 1));
   below[0] = above[0];
   I carry = L::Set(std::int32_t{0});
   for (int i = 0; i < count; i += L::kWidth) {
-    const I row = L::WrapAdd(L::PrefixSum(L::LoadU16I(pixels + i)), carry);
+    const auto at = [&](int k) { return L::LoadU16I(line + i + k); };
+    const auto twice = [](I v) { return L::WrapAdd(v, v); };
+    // 1 4 6 4 1 = outer + 4 inner + 6 middle = outer + 2 (2 (inner + middle) + middle)
+    const I inner = L::WrapAdd(L::WrapAdd(at(1), at(3)), at(2));
+    const I sum = L::WrapAdd(L::WrapAdd(at(0), at(4)), twice(L::WrapAdd(twice(inner), at(2))));
+    const I row = L::WrapAdd(L::PrefixSum(L::ShiftRight(L::WrapAdd(sum, half), shift)), carry);
     carry = L::LastLane(row);
     L::StoreI(below + i + 1, L::WrapAdd(L::LoadI(above + i + 1), row));
   }

@@ -72,4 +72,26 @@ inline GreyImage Deepen(const GreyImage& image, int gain) {
   return deep;
 }
 
+/// An 8-bit image under the binomial 1 4 6 4 1 along both axes, half-sample reflection, rounded to 1/16 of a level.
+inline GreyImage SmoothSixteenfold(const GreyImage& image) {
+  const int weights[5] = {1, 4, 6, 4, 1};
+  const auto reflect = [](int i, int n) {
+    while (i < 0 || i >= n) i = i < 0 ? -1 - i : 2 * n - 1 - i;
+    return i;
+  };
+  GreyImage smooth;
+  smooth.width_px = image.width_px;
+  smooth.height_px = image.height_px;
+  for (int i = 0; i < image.width_px * image.height_px; ++i) {
+    int sum = 8;
+    for (int k = 0; k < 25; ++k) {
+      const int x = reflect(i % image.width_px + k % 5 - 2, image.width_px);
+      const int y = reflect(i / image.width_px + k / 5 - 2, image.height_px);
+      sum += weights[k % 5] * weights[k / 5] * image.u8[static_cast<std::size_t>(y * image.width_px + x)];
+    }
+    smooth.u16.push_back(static_cast<std::uint16_t>(sum / 16));
+  }
+  return smooth;
+}
+
 }  // namespace rilievo::testing_support
