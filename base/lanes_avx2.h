@@ -87,9 +87,6 @@ struct Avx2 {
   }
   static I LastLane(I v) { return {_mm256_permutevar8x32_epi32(v.v, _mm256_set1_epi32(7))}; }
   static std::uint32_t Bits(M mask) { return static_cast<std::uint32_t>(_mm256_movemask_ps(mask)); }
-  static S LoadU8Shorts(const std::uint8_t* p) {
-    return {_mm256_cvtepu8_epi16(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)))};
-  }
 };
 
 }  // namespace rilievo::lanes

@@ -80,9 +80,6 @@ struct Avx512 {
   }
   static I LastLane(I v) { return {_mm512_permutexvar_epi32(_mm512_set1_epi32(15), v.v)}; }
   static std::uint32_t Bits(M mask) { return mask; }
-  static S LoadU8Shorts(const std::uint8_t* p) {
-    return {_mm512_cvtepu8_epi16(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)))};
-  }
 };
 
 }  // namespace rilievo::lanes

@@ -89,7 +89,6 @@ struct Scalar {
   static I LastLane(I v) { return v; }
   /// One bit a lane where the mask is set.
   static std::uint32_t Bits(M mask) { return mask ? 1U : 0U; }
-  static S LoadU8Shorts(const std::uint8_t* p) { return *p; }
 };
 
 }  // namespace rilievo::lanes

@@ -130,8 +130,8 @@ class StripRunner {
     const int inner_begin = std::clamp(-origin, 0, count), inner_end = std::clamp(n - origin, inner_begin, count);
     std::uint16_t* line = line_.data();
     const auto smooth = [=](int x) {
-      const auto at = [x, shift](const Pixel* row) { return static_cast<std::uint16_t>(row[x] >> shift); };
-      return static_cast<std::uint16_t>(at(r0) + at(r4) + 4 * (at(r1) + at(r3)) + 6 * at(r2));
+      const auto at = [x, shift](const Pixel* row) { return sizeof(Pixel) == 1 ? row[x] : row[x] >> shift; };
+      return static_cast<std::uint16_t>(at(r0) + at(r4) + 4 * (at(r1) + at(r3) + at(r2)) + 2 * at(r2));
     };
     // A row of an image is another page of memory: asked for in time.
     if (front_ >= 0 && front_ + 5 < image_.height_px) {

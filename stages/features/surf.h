@@ -12,7 +12,7 @@ namespace rilievo::features {
 struct SurfOptions {
   /// Least det H. Second derivatives are box sums over the area of the filter, in grey levels of 255, so that det H is
   /// in squared grey levels and does not depend on the bits of the image.
-  double hessian_threshold = 10.0;
+  double hessian_threshold = 8.0;
   int elements = 128;    ///< 64 or 128
   bool upright = false;  ///< U-SURF: no orientation, angle 0
 };
