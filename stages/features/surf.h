@@ -29,7 +29,8 @@ struct SurfKernels;
 /// size / 9 of the box filter; sign +1 for bright, -1 for dark blobs; covariance zero (not known). Descriptor bytes:
 /// docs/decisions/0010. A feature's filter and its neighbours lie inside the image, so that margins of 11 px (finest
 /// layer) to 106 px (coarsest) have no features; descriptors near the border see the image reflected (half-sample).
-/// Cost about 10 ns a pixel at 1500 features a megapixel (AVX2); memory SurfPeakBytes beside the result.
+/// Cost about a sixteenth of OpenCV's SIFT at 1800 features a megapixel (AVX2); memory SurfPeakBytes beside the result.
+/// Strips of 1024 px are some 15 % faster than of 512: the halo is 386 px on either side.
 std::vector<Feature> DetectSurf(const Input& input, const SurfOptions& options, const Tiling& tiling,
                                 RunContext& context);
 
