@@ -74,6 +74,22 @@ struct Avx2 {
     const __m256i bytes = _mm256_permute4x64_epi64(_mm256_packs_epi16(greater, _mm256_setzero_si256()), 0xD8);
     return static_cast<std::uint32_t>(_mm256_movemask_epi8(bytes));
   }
+
+  static I LoadI(const std::int32_t* p) { return {_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p))}; }
+  static I LoadU16I(const std::uint16_t* p) {
+    return {_mm256_cvtepu16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)))};
+  }
+  static I WrapAdd(I a, I b) { return {_mm256_add_epi32(a.v, b.v)}; }
+  static I WrapSub(I a, I b) { return {_mm256_sub_epi32(a.v, b.v)}; }
+  static I ShiftRight(I a, int bits) { return {_mm256_srl_epi32(a.v, _mm_cvtsi32_si128(bits))}; }
+  static I PrefixSum(I a) {
+    __m256i v = _mm256_add_epi32(a.v, _mm256_slli_si256(a.v, 4));
+    v = _mm256_add_epi32(v, _mm256_slli_si256(v, 8));
+    const __m256i low_total = _mm256_shuffle_epi32(_mm256_permute2x128_si256(v, v, 0x08), 0xFF);
+    return {_mm256_add_epi32(v, low_total)};
+  }
+  static I LastLane(I v) { return {_mm256_permutevar8x32_epi32(v.v, _mm256_set1_epi32(7))}; }
+  static std::uint32_t Bits(M mask) { return static_cast<std::uint32_t>(_mm256_movemask_ps(mask)); }
 };
 
 }  // namespace rilievo::lanes

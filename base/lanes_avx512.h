@@ -66,6 +66,23 @@ struct Avx512 {
   static S MaxShorts(S a, S b) { return {_mm512_max_epi16(a.v, b.v)}; }
   static S MinShorts(S a, S b) { return {_mm512_min_epi16(a.v, b.v)}; }
   static std::uint32_t GreaterShorts(S a, S b) { return _mm512_cmpgt_epi16_mask(a.v, b.v); }
+
+  static I LoadI(const std::int32_t* p) { return {_mm512_loadu_si512(p)}; }
+  static I LoadU16I(const std::uint16_t* p) {
+    return {_mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)))};
+  }
+  static I WrapAdd(I a, I b) { return {_mm512_add_epi32(a.v, b.v)}; }
+  static I WrapSub(I a, I b) { return {_mm512_sub_epi32(a.v, b.v)}; }
+  static I ShiftRight(I a, int bits) { return {_mm512_srl_epi32(a.v, _mm_cvtsi32_si128(bits))}; }
+  static I PrefixSum(I a) {
+    const __m512i zero = _mm512_setzero_si512();
+    __m512i v = _mm512_add_epi32(a.v, _mm512_alignr_epi32(a.v, zero, 15));
+    v = _mm512_add_epi32(v, _mm512_alignr_epi32(v, zero, 14));
+    v = _mm512_add_epi32(v, _mm512_alignr_epi32(v, zero, 12));
+    return {_mm512_add_epi32(v, _mm512_alignr_epi32(v, zero, 8))};
+  }
+  static I LastLane(I v) { return {_mm512_permutexvar_epi32(_mm512_set1_epi32(15), v.v)}; }
+  static std::uint32_t Bits(M mask) { return mask; }
 };
 
 }  // namespace rilievo::lanes

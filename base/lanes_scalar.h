@@ -81,6 +81,18 @@ struct Scalar {
   static S MinShorts(S a, S b) { return a < b ? a : b; }
   /// One bit a lane where a > b.
   static std::uint32_t GreaterShorts(S a, S b) { return a > b ? 1U : 0U; }
+
+  /// Integers below wrap modulo 2^32.
+  static I LoadI(const std::int32_t* p) { return *p; }
+  static I LoadU16I(const std::uint16_t* p) { return *p; }
+  static I WrapAdd(I a, I b) { return static_cast<I>(static_cast<std::uint32_t>(a) + static_cast<std::uint32_t>(b)); }
+  static I WrapSub(I a, I b) { return static_cast<I>(static_cast<std::uint32_t>(a) - static_cast<std::uint32_t>(b)); }
+  static I ShiftRight(I a, int bits) { return static_cast<I>(static_cast<std::uint32_t>(a) >> bits); }
+  /// Lane i becomes the sum of the lanes 0..i; of the last lane of that, a copy in every lane.
+  static I PrefixSum(I v) { return v; }
+  static I LastLane(I v) { return v; }
+  /// One bit a lane where the mask is set.
+  static std::uint32_t Bits(M mask) { return mask ? 1U : 0U; }
 };
 
 }  // namespace rilievo::lanes

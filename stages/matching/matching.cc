@@ -1,9 +1,11 @@
 // Ratio test, mutual check and one-to-one matches from the tables of nearest neighbours.
 #include "stages/matching/matching.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 
+#include "base/check.h"
 #include "stages/matching/two_nearest.h"
 
 namespace rilievo::matching {
@@ -27,6 +29,22 @@ const Kernel& ProcessKernel() {
 }
 
 constexpr std::uint32_t kUnclaimed = 0xffffffffU;
+
+/// The features of one sign, in their order.
+struct Part {
+  std::vector<std::uint32_t> indices;
+  std::vector<Descriptor> descriptors;
+};
+
+Part PartOf(const ImageFeatures& features, std::int32_t sign) {
+  Part part;
+  for (std::uint32_t i = 0; i < features.keypoints.size(); ++i) {
+    if (features.keypoints[i].sign != sign) continue;
+    part.indices.push_back(i);
+    part.descriptors.push_back(features.descriptors[i]);
+  }
+  return part;
+}
 
 }  // namespace
 
@@ -71,6 +89,24 @@ std::vector<Match> Run(std::span<const Descriptor> a, std::span<const Descriptor
     const std::uint32_t j = table.of_a[i].index;
     if (j < b.size() && claim[j] == i) matches.push_back({i, j});
   }
+  return matches;
+}
+
+std::vector<Match> RunBySign(const ImageFeatures& a, const ImageFeatures& b, const Options& options,
+                             RunContext& context) {
+  RILIEVO_CHECK(a.keypoints.size() == a.descriptors.size() && b.keypoints.size() == b.descriptors.size());
+  std::vector<Match> matches;
+  std::vector<std::int32_t> signs;
+  for (const Keypoint& k : a.keypoints) signs.push_back(k.sign);
+  std::sort(signs.begin(), signs.end());
+  signs.erase(std::unique(signs.begin(), signs.end()), signs.end());
+  for (const std::int32_t sign : signs) {
+    const Part part_a = PartOf(a, sign), part_b = PartOf(b, sign);
+    for (const Match& m : Run(part_a.descriptors, part_b.descriptors, options, context)) {
+      matches.push_back({part_a.indices[m.first], part_b.indices[m.second]});
+    }
+  }
+  std::sort(matches.begin(), matches.end());
   return matches;
 }
 

@@ -23,10 +23,15 @@ inline constexpr int kVersion = 1;
 
 TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options& options);
 
-/// Matches a[i] ~ b[j] with d1 < ratio * d2 (Euclidean, exact integer arithmetic: d1^2 * 10^8 < round(ratio * 10^4)^2 * d2^2
-/// or an equivalent exact comparison), both ways when `mutual`; one-to-one, sorted by first. Ties go to the lower index.
-/// All kernels (scalar, AVX2, AVX-512 VNNI; RILIEVO_KERNELS forces one) give the same matches.
+/// Matches a[i] ~ b[j] with d1 < ratio * d2 (Euclidean, exact integer arithmetic: d1^2 * 10^8 < round(ratio * 10^4)^2 *
+/// d2^2 or an equivalent exact comparison), both ways when `mutual`; one-to-one, sorted by first. Ties go to the lower
+/// index. All kernels (scalar, AVX2, AVX-512 VNNI; RILIEVO_KERNELS forces one) give the same matches.
 std::vector<Match> Run(std::span<const Descriptor> a, std::span<const Descriptor> b, const Options& options,
                        RunContext& context);
+
+/// The same where features of another sign do not exist: bright blobs are compared with bright ones only (SURF; SPEC
+/// 1.2). Holds a copy of the descriptors beside what Run needs, 132 bytes each.
+std::vector<Match> RunBySign(const ImageFeatures& a, const ImageFeatures& b, const Options& options,
+                             RunContext& context);
 
 }  // namespace rilievo::matching

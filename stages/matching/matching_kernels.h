@@ -17,9 +17,9 @@ struct BestTwo {
 };
 
 /// One block of a sweep. A descriptor is `words` 32-bit words in the encoding of the kernel. A column of a panel
-/// carries the key base (c << 11) + panel * vectors + vector, a row the constant (|a|^2 << 11) + row
-/// (docs/decisions/0006), where vector counts the `lanes`-wide vectors of a panel. Results are the two smallest keys by
-/// row and lane and by column.
+/// carries the key base (c << 11) + panel * vectors + vector, a row the constant (r << 11) + row, c - 2 dot + r = d^2
+/// (docs/decisions/0006, 0010), where vector counts the `lanes`-wide vectors of a panel. Results are the two smallest
+/// keys by row and lane and by column.
 struct SweepBlock {
   const std::uint32_t* rows;          ///< row-major, row_count x words
   std::size_t row_count;              ///< at most 2048
@@ -32,8 +32,8 @@ struct SweepBlock {
 };
 
 enum class Encoding : std::uint8_t {
-  kBytes,         ///< 32 words of four bytes; rows are xor 0x80 (signed), columns unsigned: dot = a.b - 128 * sum(b)
-  kSignedShorts,  ///< 64 words of two 16-bit integers: dot = a.b
+  kBytes,         ///< 32 words of four bytes; rows are a - 128 (signed), columns b (unsigned): dot = a.b - 128 * sum(b)
+  kSignedShorts,  ///< 64 words of two 16-bit integers, a and b or both minus 128: dot is the product of those
 };
 
 struct Kernel {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstring>
 #include <new>
+#include <optional>
 
 namespace rilievo::matching {
 namespace {
@@ -17,6 +18,12 @@ constexpr std::size_t kRowsPerBlock = 1008;
 constexpr std::size_t kScalarComparisonsPerPoll = 1'000'000;
 static_assert(2 * std::int64_t{kLargestKeyNorm_sq} * (1 << kIndexBits) + 2 * (1 << kIndexBits) < BestTwo::kNone);
 static_assert(kRowsPerBlock <= kIndexCount);
+/// Largest |d^2 - rest_sq| with bytes around 128: 3 N + 256 sqrt(128 N) (docs/decisions/0010), here with sqrt(128 N) <=
+/// 3168.
+static_assert(4 * std::int64_t{kLargestSignedShorts_sq} * (1 << kIndexBits) + 2 * (1 << kIndexBits) < BestTwo::kNone);
+static_assert(std::int64_t{3168} * 3168 >= std::int64_t{128} * kLargestSignedBytes_sq);
+static_assert((3 * std::int64_t{kLargestSignedBytes_sq} + 256 * 3168 + 1) * (1 << kIndexBits) + 2 * (1 << kIndexBits) <
+              BestTwo::kNone);
 
 /// Starts vectors on a cache line, so that no 64-byte load of a kernel straddles two.
 template <class T>
@@ -35,27 +42,40 @@ struct Moments {
   std::int32_t sum = 0, norm_sq = 0;
 };
 
-Moments MomentsOf(const Descriptor& descriptor) {
+/// Of the differences from `center`.
+Moments MomentsOf(const Descriptor& descriptor, std::int32_t center) {
   Moments m;
   for (const std::int32_t value : descriptor) {
-    m.sum += value;
-    m.norm_sq += value * value;
+    m.sum += value - center;
+    m.norm_sq += (value - center) * (value - center);
   }
   return m;
 }
 
-std::int32_t LargestNorm(std::span<const Descriptor> descriptors) {
+std::int32_t LargestNorm(std::span<const Descriptor> descriptors, std::int32_t center) {
   std::int32_t largest = 0;
-  for (const auto& d : descriptors) largest = std::max(largest, MomentsOf(d).norm_sq);
+  for (const auto& d : descriptors) largest = std::max(largest, MomentsOf(d, center).norm_sq);
   return largest;
+}
+
+/// What stands for zero in the bytes (docs/decisions/0010): 0, or 128 for signed descriptors, whose norms from 0 are
+/// too large for the keys. Distances do not depend on it. None if the keys hold neither.
+std::optional<std::int32_t> CenterOf(std::span<const Descriptor> a, std::span<const Descriptor> b, Encoding encoding) {
+  const auto fits = [&](std::int32_t center, std::int32_t limit) {
+    return LargestNorm(a, center) <= limit && LargestNorm(b, center) <= limit;
+  };
+  if (fits(0, kLargestKeyNorm_sq)) return 0;
+  const std::int32_t limit = encoding == Encoding::kBytes ? kLargestSignedBytes_sq : kLargestSignedShorts_sq;
+  if (fits(kSignedCenter, limit)) return kSignedCenter;
+  return std::nullopt;
 }
 
 /// Arithmetic of keys is modulo 2^32: intermediate values may wrap, the keys themselves fit.
 std::int32_t Wrap(std::uint32_t value) { return static_cast<std::int32_t>(value); }
 
 /// Writes the words of one descriptor at out, out + stride, ...
-void WriteWords(const Descriptor& descriptor, Encoding encoding, std::uint8_t flip, std::uint32_t* out,
-                std::size_t stride) {
+void WriteWords(const Descriptor& descriptor, Encoding encoding, std::int32_t center, std::uint8_t flip,
+                std::uint32_t* out, std::size_t stride) {
   if (encoding == Encoding::kBytes) {
     const std::uint32_t flips = flip * 0x01010101U;
     for (std::size_t k = 0; k < 32; ++k) {
@@ -65,8 +85,8 @@ void WriteWords(const Descriptor& descriptor, Encoding encoding, std::uint8_t fl
     }
     return;
   }
-  for (std::size_t k = 0; k < 64; ++k)
-    out[k * stride] = descriptor[2 * k] | (std::uint32_t{descriptor[2 * k + 1]} << 16);
+  const auto half = [&](std::size_t k) { return static_cast<std::uint16_t>(descriptor[k] - center); };
+  for (std::size_t k = 0; k < 64; ++k) out[k * stride] = half(2 * k) | (std::uint32_t{half(2 * k + 1)} << 16);
 }
 
 /// Columns of one sweep, at most what eleven index bits can name, packed in panels.
@@ -76,7 +96,8 @@ struct PackedColumns {
   LineVector<std::int32_t> bases, keys;
 };
 
-PackedColumns Pack(std::span<const Descriptor> b, std::size_t begin, std::size_t count, const Kernel& kernel) {
+PackedColumns Pack(std::span<const Descriptor> b, std::size_t begin, std::size_t count, std::int32_t center,
+                   const Kernel& kernel) {
   const std::size_t width = kernel.PanelColumns();
   PackedColumns packed{.begin = begin,
                        .count = count,
@@ -90,31 +111,33 @@ PackedColumns Pack(std::span<const Descriptor> b, std::size_t begin, std::size_t
   packed.keys.resize(2 * packed.panel_count * width);
   for (std::size_t j = 0; j < count; ++j) {
     const Descriptor& descriptor = b[begin + j];
-    WriteWords(descriptor, kernel.encoding, 0, packed.panels.data() + (j / width) * width * kernel.Words() + j % width,
-               width);
-    const Moments m = MomentsOf(descriptor);
-    const std::int32_t c = m.norm_sq - (kernel.encoding == Encoding::kBytes ? 256 * m.sum : 0);
+    WriteWords(descriptor, kernel.encoding, center, 0,
+               packed.panels.data() + (j / width) * width * kernel.Words() + j % width, width);
+    const Moments m = MomentsOf(descriptor, center);
+    const std::int32_t c = m.norm_sq - (kernel.encoding == Encoding::kBytes && center == 0 ? 256 * m.sum : 0);
     packed.bases[j] =
         Wrap((static_cast<std::uint32_t>(c) << kIndexBits) + static_cast<std::uint32_t>(j / kernel.lanes));
   }
   return packed;
 }
 
+/// rest_sq: d^2 minus what the row keys hold, |a|^2 or, with bytes around 128, |a|^2 + 256 sum(a).
 struct PackedRows {
   LineVector<std::uint32_t> words;
-  LineVector<std::int32_t> constants, norms_sq, keys;
+  LineVector<std::int32_t> constants, rest_sq, keys;
 };
 
-PackedRows Pack(std::span<const Descriptor> rows, const Kernel& kernel) {
+PackedRows Pack(std::span<const Descriptor> rows, std::int32_t center, const Kernel& kernel) {
   PackedRows packed;
   packed.words.resize(rows.size() * kernel.Words());
   packed.keys.assign(rows.size() * 2 * kernel.lanes, BestTwo::kNone);
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    WriteWords(rows[i], kernel.encoding, 0x80, packed.words.data() + i * kernel.Words(), 1);
-    const std::int32_t norm_sq = MomentsOf(rows[i]).norm_sq;
-    packed.norms_sq.push_back(norm_sq);
+    WriteWords(rows[i], kernel.encoding, center, 0x80, packed.words.data() + i * kernel.Words(), 1);
+    const Moments m = MomentsOf(rows[i], center);
+    const std::int32_t rest_sq = m.norm_sq + (kernel.encoding == Encoding::kBytes && center != 0 ? 256 * m.sum : 0);
+    packed.rest_sq.push_back(rest_sq);
     packed.constants.push_back(
-        Wrap((static_cast<std::uint32_t>(norm_sq) << kIndexBits) + static_cast<std::uint32_t>(i)));
+        Wrap((static_cast<std::uint32_t>(rest_sq) << kIndexBits) + static_cast<std::uint32_t>(i)));
   }
   return packed;
 }
@@ -128,14 +151,14 @@ void Offer(BestTwo& best, std::int32_t distance_sq, std::uint32_t index) {
   }
 }
 
-/// A row key is (d^2 - |a|^2) << 11 plus the number of the vector, counted over the panels; the lane says the rest.
+/// A row key is (d^2 - rest_sq) << 11 plus the number of the vector, counted over the panels; the lane says the rest.
 void DecodeRows(const PackedRows& rows, std::size_t column_begin, const Kernel& kernel, std::span<BestTwo> of_a) {
   for (std::size_t i = 0; i < of_a.size(); ++i) {
     for (std::size_t slot = 0; slot < 2 * kernel.lanes; ++slot) {
       const std::int32_t key = rows.keys[i * 2 * kernel.lanes + slot];
       if (key == BestTwo::kNone) continue;
       const std::size_t vector = static_cast<std::uint32_t>(key) % kIndexCount;
-      Offer(of_a[i], (key >> kIndexBits) + rows.norms_sq[i],
+      Offer(of_a[i], (key >> kIndexBits) + rows.rest_sq[i],
             static_cast<std::uint32_t>(column_begin + vector * kernel.lanes + slot % kernel.lanes));
     }
   }
@@ -177,17 +200,18 @@ NeighborTable FindTwoNearest(std::span<const Descriptor> a, std::span<const Desc
                              const RunContext& context) {
   NeighborTable table{.of_a = std::vector<BestTwo>(a.size()), .of_b = std::vector<BestTwo>(b.size())};
   if (a.empty() || b.empty()) return table;
-  if (kernel.sweep == nullptr || std::max(LargestNorm(a), LargestNorm(b)) > kLargestKeyNorm_sq) {
+  const auto center = kernel.sweep == nullptr ? std::nullopt : CenterOf(a, b, kernel.encoding);
+  if (!center) {
     CompareAllScalar(a, b, table, context);
     return table;
   }
   const std::size_t columns_per_sweep = kIndexCount * kernel.lanes;
   for (std::size_t column = 0; column < b.size(); column += columns_per_sweep) {
-    PackedColumns columns = Pack(b, column, std::min(columns_per_sweep, b.size() - column), kernel);
+    PackedColumns columns = Pack(b, column, std::min(columns_per_sweep, b.size() - column), *center, kernel);
     for (std::size_t row = 0; row < a.size(); row += kRowsPerBlock) {
       context.ThrowIfStopped();
       const std::size_t count = std::min(kRowsPerBlock, a.size() - row);
-      PackedRows rows = Pack(a.subspan(row, count), kernel);
+      PackedRows rows = Pack(a.subspan(row, count), *center, kernel);
       std::fill(columns.keys.begin(), columns.keys.end(), BestTwo::kNone);
       kernel.sweep({.rows = rows.words.data(),
                     .row_count = count,

@@ -34,6 +34,26 @@ Descriptors RandomSift(std::size_t count, std::uint64_t seed) {
   return result;
 }
 
+/// Signed unit vectors times `norm` around 128, as SURF's (norm 256).
+Descriptors RandomSurf(std::size_t count, std::uint64_t seed, double norm = 256, std::size_t elements = 128) {
+  Rng rng(seed);
+  Descriptors result(count);
+  for (auto& descriptor : result) {
+    descriptor.fill(128);
+    std::array<double, 128> values{};
+    double norm_sq = 0;
+    for (std::size_t k = 0; k < elements; ++k) {
+      values[k] = rng.Normal();
+      norm_sq += values[k] * values[k];
+    }
+    for (std::size_t k = 0; k < elements; ++k) {
+      const double value = 128 + norm * values[k] / std::sqrt(norm_sq);
+      descriptor[k] = static_cast<std::uint8_t>(std::clamp(std::round(value), 0.0, 255.0));
+    }
+  }
+  return result;
+}
+
 /// Few distinct descriptors of few values: ties and duplicates everywhere.
 Descriptors RandomTies(std::size_t count, std::uint64_t seed) {
   Rng rng(seed);
@@ -84,9 +104,59 @@ void ExpectEqualTables(const std::vector<BestTwo>& found, const std::vector<Best
   }
 }
 
+/// A sweep by the letter of SweepBlock, for processors that lack the wide kernels: the arithmetic of keys can be tested
+/// everywhere.
+template <Encoding kEncoding, std::size_t kLanes, std::size_t kVectors>
+void PlainSweep(const SweepBlock& block) {
+  constexpr std::size_t kWords = kEncoding == Encoding::kBytes ? 32 : 64, kWidth = kLanes * kVectors;
+  const auto update = [](std::int32_t* keys, std::int32_t key) {
+    keys[kLanes] = std::min(keys[kLanes], std::max(keys[0], key));
+    keys[0] = std::min(keys[0], key);
+  };
+  for (std::size_t panel = 0; panel < block.panel_count; ++panel) {
+    for (std::size_t row = 0; row < block.row_count; ++row) {
+      for (std::size_t column = 0; column < kWidth; ++column) {
+        std::int32_t dot = 0;
+        for (std::size_t k = 0; k < kWords; ++k) {
+          const std::uint32_t a = block.rows[row * kWords + k],
+                              b = block.panels[(panel * kWords + k) * kWidth + column];
+          for (unsigned shift = 0; shift < 32; shift += kEncoding == Encoding::kBytes ? 8 : 16) {
+            dot += kEncoding == Encoding::kBytes
+                       ? static_cast<std::int8_t>(a >> shift) * static_cast<std::uint8_t>(b >> shift)
+                       : static_cast<std::int16_t>(a >> shift) * static_cast<std::int16_t>(b >> shift);
+          }
+        }
+        const auto base = static_cast<std::uint32_t>(block.column_bases[panel * kWidth + column]);
+        const std::uint32_t key = base - (static_cast<std::uint32_t>(dot) << 12);
+        const std::size_t lane = column % kLanes;
+        update(block.row_keys + row * 2 * kLanes + lane, static_cast<std::int32_t>(key));
+        update(block.column_keys + (panel * kVectors + column / kLanes) * 2 * kLanes + lane,
+               static_cast<std::int32_t>(key + static_cast<std::uint32_t>(block.row_constants[row])));
+      }
+    }
+  }
+}
+
+const std::array<Kernel, 2>& PlainKernels() {
+  static const std::array<Kernel, 2> kernels = {Kernel{.name = "plain_bytes",
+                                                       .encoding = Encoding::kBytes,
+                                                       .lanes = 16,
+                                                       .vectors = 4,
+                                                       .sweep = PlainSweep<Encoding::kBytes, 16, 4>},
+                                                Kernel{.name = "plain_shorts",
+                                                       .encoding = Encoding::kSignedShorts,
+                                                       .lanes = 8,
+                                                       .vectors = 2,
+                                                       .sweep = PlainSweep<Encoding::kSignedShorts, 8, 2>}};
+  return kernels;
+}
+
 class MatchingKernels : public testing::TestWithParam<std::string> {
  protected:
   void SetUp() override {
+    for (const Kernel& kernel : PlainKernels()) {
+      if (kernel.name == GetParam()) kernel_ = &kernel;
+    }
     for (const Kernel& kernel : AllKernels()) {
       if (kernel.name == GetParam()) kernel_ = &kernel;
     }
@@ -139,7 +209,39 @@ TEST_P(MatchingKernels, NormsAtTheLimitOfTheKeys) {
   ExpectBruteForce(RandomBytes(40, 13, 63, 64), RandomBytes(80, 14, 63, 64));
 }
 
-INSTANTIATE_TEST_SUITE_P(All, MatchingKernels, testing::Values("scalar", "avx2", "avx512"));
+TEST_P(MatchingKernels, SignedDescriptors) {
+  for (const std::size_t elements : {64, 128}) {
+    for (const std::size_t na : {1, 5, 6, 61}) {
+      for (const std::size_t nb : {1, 16, 65, 130})
+        ExpectBruteForce(RandomSurf(na, na, 256, elements), RandomSurf(nb, 100 + nb, 256, elements));
+    }
+  }
+  ExpectBruteForce(RandomSurf(1500, 30), RandomSurf(333, 31));
+  ExpectBruteForce(RandomSurf(40, 32), RandomSift(77, 33));  // one from 128, the other one from 0
+}
+
+TEST_P(MatchingKernels, SignedNormsAtTheLimitOfTheKeys) {
+  // The largest sums, both signs, against the same and the opposite vector: d^2 from 0 to 4 N, sum(a) to sqrt(128 N).
+  // 24 and 25 from 128 in every component are 73,728 and 80,000, on both sides of the limit of 78,400.
+  // 45 and 46: 259,200 and 270,848, on both sides of the limit of 260,000 of shorts.
+  for (const int size : {24, 25, 45, 46, 63}) {
+    Descriptor low, high, mixed;
+    low.fill(static_cast<std::uint8_t>(128 - size));
+    high.fill(static_cast<std::uint8_t>(128 + size));
+    for (std::size_t k = 0; k < 128; ++k) mixed[k] = static_cast<std::uint8_t>(k % 2 == 0 ? 128 - size : 128 + size);
+    Descriptors a(9, low), b(1100, high);
+    a[2] = high, a[5] = mixed;
+    b[3] = mixed, b[1099] = low;
+    ++a[7][17], --b[512][3];
+    ExpectBruteForce(a, b);
+    ExpectBruteForce(b, a);
+  }
+  ExpectBruteForce(RandomSurf(60, 34, 278), RandomSurf(90, 35, 278));
+  ExpectBruteForce(RandomSurf(60, 36, 283), RandomSurf(90, 37, 283));
+}
+
+INSTANTIATE_TEST_SUITE_P(All, MatchingKernels,
+                         testing::Values("scalar", "avx2", "avx512", "plain_bytes", "plain_shorts"));
 
 TEST(MatchingKernelsTogether, AgreeBeyondOneSweepOfColumns) {
   // 11 index bits name 16384 columns of AVX2 and 32768 of AVX-512.
@@ -254,6 +356,48 @@ TEST(Matching, EmptyAndSingleDescriptors) {
   EXPECT_TRUE(matching::Run(two, none, {}, context).empty());
   EXPECT_EQ(matching::Run(one, one, {}, context).size(), 1U);
   EXPECT_TRUE(matching::Run(one, Descriptors{one[0], one[0]}, {}, context).empty());  // ambiguous
+}
+
+ImageFeatures WithSigns(const Descriptors& descriptors, std::uint64_t seed, std::uint32_t signs) {
+  Rng rng(seed);
+  ImageFeatures features;
+  features.descriptors = descriptors;
+  features.keypoints.resize(descriptors.size());
+  for (Keypoint& k : features.keypoints)
+    k.sign = static_cast<std::int32_t>(rng.Below(signs)) * (signs == 2 ? 2 : 1) - 1;
+  return features;
+}
+
+TEST(Matching, BySignIsASearchAmongFeaturesOfEqualSign) {
+  SerialRunContext context;
+  const Descriptors a = RandomSift(120, 40), b = SecondImage(a, 60, 41);
+  for (const std::uint32_t signs : {2U, 3U}) {
+    const ImageFeatures fa = WithSigns(a, 42, signs), fb = WithSigns(b, 43, signs);
+    for (const bool mutual : {true, false}) {
+      const Options options{.ratio = 0.9, .mutual = mutual};
+      std::vector<Match> expected;
+      for (const std::int32_t sign : {-1, 0, 1}) {
+        std::vector<std::uint32_t> ia, ib;
+        Descriptors part_a, part_b;
+        for (std::uint32_t i = 0; i < a.size(); ++i) {
+          if (fa.keypoints[i].sign == sign) ia.push_back(i), part_a.push_back(a[i]);
+        }
+        for (std::uint32_t i = 0; i < b.size(); ++i) {
+          if (fb.keypoints[i].sign == sign) ib.push_back(i), part_b.push_back(b[i]);
+        }
+        for (const Match& m : Oracle(part_a, part_b, options)) expected.push_back({ia[m.first], ib[m.second]});
+      }
+      std::sort(expected.begin(), expected.end());
+      const auto found = matching::RunBySign(fa, fb, options, context);
+      EXPECT_EQ(found, expected);
+      EXPECT_GT(found.size(), 5U);
+      for (const Match& m : found) EXPECT_EQ(fa.keypoints[m.first].sign, fb.keypoints[m.second].sign);
+    }
+  }
+  const ImageFeatures same_a = WithSigns(a, 44, 1), same_b = WithSigns(b, 45, 1), none;
+  EXPECT_EQ(matching::RunBySign(same_a, same_b, {}, context), matching::Run(a, b, {}, context));
+  EXPECT_TRUE(matching::RunBySign(same_a, none, {}, context).empty());
+  EXPECT_TRUE(matching::RunBySign(none, same_b, {}, context).empty());
 }
 
 TEST(Matching, AStopRequestEndsIt) {
