@@ -109,10 +109,7 @@ int RunOrient(const OrientFlags& flags, ProgramContext& context) {
     const auto workspace = scheduling::Workspace::OpenOrCreate(flags.workspace);
     workspace.RemoveReports();
     workspace.WriteRecord(record);
-    const auto run = std::make_shared<scheduling::OrientRun>(inputs.block, *inputs.pixels, workspace.store(), options,
-                                                             runner.overhead_bytes());
-    run->budget_bytes = runner.limits().budget_bytes;
-    result = Execute(run, runner, workspace);
+    result = Execute(std::make_shared<scheduling::OrientRun>(planned, workspace.store()), runner, workspace);
   }
   const reporting::Report report = reporting::Summarize(inputs.block, *result);
   WriteReports(found, inputs.block, *result, report, inputs.warnings);

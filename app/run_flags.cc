@@ -30,6 +30,22 @@ int AvailableThreads() {
   return sched_getaffinity(0, sizeof set, &set) == 0 ? std::max(1, CPU_COUNT(&set)) : 1;
 }
 
+/// Memory that the program itself needs besides its tasks: libraries, stacks, allocator slack.
+constexpr std::uint64_t kProcessReserveBytes = 160 * kMebibyte;
+
+/// Throws Error when the memory is too small for the program itself.
+Limits ResolveLimits(const RunFlags& flags) {
+  Limits limits;
+  limits.memory_bytes = flags.memory.empty() ? AvailableMemoryBytes() / 4 * 3 : ParseBytes(flags.memory);
+  limits.threads = flags.threads > 0 ? flags.threads : AvailableThreads();
+  if (limits.memory_bytes <= kProcessReserveBytes + 32 * kMebibyte)
+    throw Error(ErrorCode::kOutOfMemoryBudget, "--memory",
+                FormatBytes(limits.memory_bytes) + " is too small for the program itself",
+                fmt::format("use {} or more", FormatBytes(kProcessReserveBytes + 64 * kMebibyte)));
+  limits.budget_bytes = limits.memory_bytes - kProcessReserveBytes;
+  return limits;
+}
+
 engine::ProgressStyle StyleOf(const RunFlags& flags) {
   if (flags.quiet || flags.progress == "quiet") return engine::ProgressStyle::kQuiet;
   if (flags.progress == "json") return engine::ProgressStyle::kJson;
@@ -135,18 +151,6 @@ void AddRunFlags(CLI::App& command, RunFlags& flags) {
       ->type_name("FILE")
       ->group("Run");
   command.add_flag("--serial", flags.serial, "Run on one thread in plan order: the reference executor")->group("Run");
-}
-
-Limits ResolveLimits(const RunFlags& flags) {
-  Limits limits;
-  limits.memory_bytes = flags.memory.empty() ? AvailableMemoryBytes() / 4 * 3 : ParseBytes(flags.memory);
-  limits.threads = flags.threads > 0 ? flags.threads : AvailableThreads();
-  if (limits.memory_bytes <= kProcessReserveBytes + 32 * kMebibyte)
-    throw Error(ErrorCode::kOutOfMemoryBudget, "--memory",
-                FormatBytes(limits.memory_bytes) + " is too small for the program itself",
-                fmt::format("use {} or more", FormatBytes(kProcessReserveBytes + 64 * kMebibyte)));
-  limits.budget_bytes = limits.memory_bytes - kProcessReserveBytes;
-  return limits;
 }
 
 PlanRunner::PlanRunner(RunFlags flags, ProgramContext& context)

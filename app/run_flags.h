@@ -33,15 +33,10 @@ struct Limits {
   int threads = 1;
 };
 
-/// Memory that the program itself needs besides its tasks: libraries, stacks, allocator slack.
-inline constexpr std::uint64_t kProcessReserveBytes = 160 * kMebibyte;
-
-/// Throws Error when the memory is too small for the program itself.
-Limits ResolveLimits(const RunFlags& flags);
-
 /// Runs plans one after the other under the same limits.
 class PlanRunner {
  public:
+  /// Throws Error when the memory is too small for the program itself.
   PlanRunner(RunFlags flags, ProgramContext& context);
   /// Memory that stays held beside the tasks from now on (a scene's surface): taken from the budget. Throws Error when
   /// nothing is left.

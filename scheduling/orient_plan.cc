@@ -319,6 +319,17 @@ OrientRun::OrientRun(const Block& b, const PixelSource& p, const engine::Artifac
       pairs(keys.tiles.size()),
       overhead_bytes(overhead) {}
 
+OrientRun::OrientRun(const OrientRun& planned, const engine::ArtifactStore& s)
+    : block(planned.block),
+      pixels(planned.pixels),
+      store(s),
+      options(planned.options),
+      keys(planned.keys),
+      images(planned.images),
+      pairs(planned.pairs),
+      overhead_bytes(planned.overhead_bytes),
+      budget_bytes(planned.budget_bytes) {}
+
 std::optional<OrientationResult> LoadOrientation(const engine::ArtifactStore& store, const OrientKeys& keys) {
   const auto payload = store.Read(keys.orientation);
   if (!payload) return std::nullopt;

@@ -30,6 +30,8 @@ struct OrientRun {
 
   OrientRun(const Block& block, const PixelSource& pixels, const engine::ArtifactStore& store, OrientOptions options,
             std::uint64_t overhead_bytes);
+  /// The run that was planned, now with the store that it writes to; nothing is computed again.
+  OrientRun(const OrientRun& planned, const engine::ArtifactStore& store);
 };
 
 }  // namespace rilievo::scheduling

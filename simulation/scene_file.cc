@@ -5,6 +5,7 @@
 #include <set>
 #include <sstream>
 
+#include "block/io/camera_json.h"
 #include "simulation/block_file.h"
 #include "simulation/ray_grid.h"
 #include "simulation/scene.h"
@@ -144,20 +145,7 @@ std::string SceneText(const Scene& scene) {
   json["version"] = kFileVersion;
   json["renderer_version"] = kRendererVersion;
   json["options"] = OptionsToJson(scene.options);
-  const CameraModel& m = scene.camera.model;
-  json["camera"] = {{"model", std::string(CameraModelName(m.kind))},
-                    {"fx_px", m.fx},
-                    {"fy_px", m.fy},
-                    {"cx_px", m.cx},
-                    {"cy_px", m.cy},
-                    {"k1", m.k1},
-                    {"k2", m.k2},
-                    {"p1", m.p1},
-                    {"p2", m.p2},
-                    {"k3", m.k3},
-                    {"k4", m.k4},
-                    {"k5", m.k5},
-                    {"k6", m.k6}};
+  json["camera"] = io::CameraModelJson(scene.camera.model);
   json["panel_m"] = {scene.panel_m[0], scene.panel_m[1], scene.panel_m[2], scene.panel_m[3]};
   json["images"] = Json::array();
   for (std::size_t i = 0; i < scene.names.size(); ++i) {

@@ -2,8 +2,10 @@
 #include <cstdarg>
 #include <cstdio>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "base/units.h"
+#include "block/io/camera_json.h"
 #include "stages/reporting/orientation_report.h"
 
 namespace rilievo::reporting {
@@ -138,23 +140,11 @@ nlohmann::json ToJson(const Report& report, const Block& block, const Orientatio
                                  {"height_px", image.height_px},
                                  {"features", result.images.at(image.id.value).features}});
   for (const Camera& c : block.cameras) {
-    const CameraModel& m = c.model;
-    out["cameras"].push_back({{"label", c.label},
-                              {"model", CameraModelName(m.kind)},
-                              {"width_px", c.width_px},
-                              {"height_px", c.height_px},
-                              {"fx_px", m.fx},
-                              {"fy_px", m.fy},
-                              {"cx_px", m.cx},
-                              {"cy_px", m.cy},
-                              {"k1", m.k1},
-                              {"k2", m.k2},
-                              {"p1", m.p1},
-                              {"p2", m.p2},
-                              {"k3", m.k3},
-                              {"k4", m.k4},
-                              {"k5", m.k5},
-                              {"k6", m.k6}});
+    nlohmann::json camera = io::CameraModelJson(c.model);
+    camera["label"] = c.label;
+    camera["width_px"] = c.width_px;
+    camera["height_px"] = c.height_px;
+    out["cameras"].push_back(std::move(camera));
   }
   for (const auto& p : result.pairs)
     out["pair_list"].push_back({{"first", block.image(p.pair.first).name},
