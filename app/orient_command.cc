@@ -92,7 +92,8 @@ int RunOrient(const OrientFlags& flags, ProgramContext& context) {
   PlanRunner runner(flags.run, context);
   const auto found = scheduling::Workspace::ForPlanning(flags.workspace);
   Inputs inputs = LoadUsableInputs(flags, runner, context);
-  const scheduling::OrientRun planned(inputs.block, *inputs.pixels, found.store(), options, runner.overhead_bytes());
+  const scheduling::OrientRun planned(inputs.block, *inputs.pixels, inputs.masks.get(), found.store(), options,
+                                      runner.overhead_bytes());
   std::optional<OrientationResult> result = scheduling::LoadOrientation(found.store(), planned.keys);
   if (!result)
     scheduling::RefuseWhatCannotFit(
@@ -108,8 +109,8 @@ int RunOrient(const OrientFlags& flags, ProgramContext& context) {
     const auto workspace = scheduling::Workspace::OpenOrCreate(flags.workspace);
     workspace.RemoveReports();
     workspace.WriteRecord(record);
-    result = Execute(std::make_shared<scheduling::OrientRun>(inputs.block, *inputs.pixels, workspace.store(), options,
-                                                             runner.overhead_bytes()),
+    result = Execute(std::make_shared<scheduling::OrientRun>(inputs.block, *inputs.pixels, inputs.masks.get(),
+                                                             workspace.store(), options, runner.overhead_bytes()),
                      runner, workspace);
   }
   const reporting::Report report = reporting::Summarize(inputs.block, *result);
@@ -147,7 +148,8 @@ int RunPlan(const OrientFlags& flags, ProgramContext& context) {
   const auto workspace =
       scheduling::Workspace::ForPlanning(flags.workspace.empty() ? "rilievo-workspace" : flags.workspace);
   const Inputs inputs = LoadUsableInputs(flags, runner, context);
-  const scheduling::OrientRun run(inputs.block, *inputs.pixels, workspace.store(), options, runner.overhead_bytes());
+  const scheduling::OrientRun run(inputs.block, *inputs.pixels, inputs.masks.get(), workspace.store(), options,
+                                  runner.overhead_bytes());
   const auto summary = scheduling::Summarize(run, runner.limits().budget_bytes, runner.limits().threads);
   PrintPlan(summary, flags, inputs, runner, workspace.dir());
   scheduling::RefuseWhatCannotFit(summary, runner.limits().budget_bytes, runner.overhead_bytes(), workspace.dir());

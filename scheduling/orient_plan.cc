@@ -11,6 +11,7 @@
 #include "base/serialize.h"
 #include "block/io/serialize_block.h"
 #include "scheduling/orient_costs.h"
+#include "stages/images/masks.h"
 #include "stages/tracks/tracks.h"
 
 namespace rilievo::scheduling {
@@ -57,13 +58,16 @@ FeatureArtifact DeserializeFeatureArtifact(std::span<const std::byte> payload) {
 FeatureArtifact ComputeFeatures(const OrientRun& run, const Image& image, TaskContext& context) {
   FeatureArtifact artifact;
   try {
+    std::vector<std::uint8_t> mask;
+    if (image.mask) mask = images::LoadMask(*run.masks, *image.mask, image);
     const GreyImage pixels = run.pixels.Load(image.name, true);
     if (pixels.width_px != image.width_px || pixels.height_px != image.height_px)
       throw Error(ErrorCode::kInvalidInput, image.name, "its header and its pixels disagree about the image size");
     context.ThrowIfStopped();
-    artifact.features = features::Run(pixels, run.options.features, context);
+    artifact.features = features::Run({pixels, mask}, run.options.features, context);
   } catch (const Error& error) {
-    // A property of the file's bytes, which the key covers: the image is quarantined and the survey goes on.
+    // A property of the bytes of the image or its mask, which the key covers: the image is quarantined and the survey
+    // goes on.
     if (error.code() != ErrorCode::kInvalidInput && error.code() != ErrorCode::kUnsupported) throw;
     artifact.quarantine = error.message();
   }
@@ -308,10 +312,11 @@ TaskId AddPairTask(const std::shared_ptr<OrientRun>& run, std::size_t tile_index
 
 }  // namespace
 
-OrientRun::OrientRun(const Block& b, const PixelSource& p, const engine::ArtifactStore& s, OrientOptions o,
-                     std::uint64_t overhead)
+OrientRun::OrientRun(const Block& b, const PixelSource& p, const PixelSource* m, const engine::ArtifactStore& s,
+                     OrientOptions o, std::uint64_t overhead)
     : block(b),
       pixels(p),
+      masks(m),
       store(s),
       options(std::move(o)),
       keys(ComputeKeys(b, options, ProcessorLevel())),

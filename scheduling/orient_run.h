@@ -17,6 +17,7 @@ namespace rilievo::scheduling {
 struct OrientRun {
   const Block& block;
   const PixelSource& pixels;
+  const PixelSource* masks;  ///< of the images that have one; may be null when none has
   const engine::ArtifactStore& store;
   OrientOptions options;
   OrientKeys keys;
@@ -25,8 +26,8 @@ struct OrientRun {
   /// What the process holds beside its tasks: hints about memory add it to what a task needs.
   std::uint64_t overhead_bytes = 0;
 
-  OrientRun(const Block& block, const PixelSource& pixels, const engine::ArtifactStore& store, OrientOptions options,
-            std::uint64_t overhead_bytes);
+  OrientRun(const Block& block, const PixelSource& pixels, const PixelSource* masks, const engine::ArtifactStore& store,
+            OrientOptions options, std::uint64_t overhead_bytes);
 };
 
 }  // namespace rilievo::scheduling

@@ -46,10 +46,10 @@ struct Detection {
 
 /// 3 layers an octave and sigma 1.6 (Lowe 2004). OpenCV keeps all keypoints that tie with the last one: the caller
 /// cuts.
-Detection Detect(const cv::Mat& grey, const Options& options) {
+Detection Detect(const cv::Mat& grey, int max_features, const Options& options) {
   Detection result;
   try {
-    cv::SIFT::create(options.max_features, 3, options.contrast_threshold, options.edge_threshold, 1.6, CV_8U)
+    cv::SIFT::create(max_features, 3, options.contrast_threshold, options.edge_threshold, 1.6, CV_8U)
         ->detectAndCompute(grey, cv::noArray(), result.keypoints, result.descriptors);
   } catch (const cv::Exception& e) {
     if (e.code != cv::Error::StsNoMem) throw Error(ErrorCode::kInternal, "", "OpenCV's SIFT failed: " + e.err);
@@ -72,12 +72,22 @@ Keypoint FromOpenCv(const cv::KeyPoint& k) {
           .response = k.response};
 }
 
+/// Index of the pixel under a keypoint.
+std::size_t PixelAt(const GreyImage& image, const Keypoint& keypoint) {
+  const int column = std::clamp(static_cast<int>(keypoint.x_px), 0, image.width_px - 1);
+  const int row = std::clamp(static_cast<int>(keypoint.y_px), 0, image.height_px - 1);
+  return static_cast<std::size_t>(row) * static_cast<std::size_t>(image.width_px) + static_cast<std::size_t>(column);
+}
+
 auto PositionOrder(const Keypoint& k) { return std::tie(k.y_px, k.x_px, k.scale_px, k.angle_rad); }
 
-/// Indices of the keypoints to keep, in the order of the result: without repetitions, the strongest `max_features`.
-std::vector<std::uint32_t> Select(const std::vector<Keypoint>& keypoints, std::size_t max_features) {
-  std::vector<std::uint32_t> order(keypoints.size());
-  std::iota(order.begin(), order.end(), 0U);
+/// Indices of the keypoints to keep, in the order of the result: usable, without repetitions, the strongest
+/// `max_features`.
+std::vector<std::uint32_t> Select(const std::vector<Keypoint>& keypoints, const Input& input,
+                                  std::size_t max_features) {
+  std::vector<std::uint32_t> order;
+  for (std::uint32_t i = 0; i < keypoints.size(); ++i)
+    if (input.mask.empty() || input.mask[PixelAt(input.image, keypoints[i])] >= 128) order.push_back(i);
   const auto by_position = [&](std::uint32_t a, std::uint32_t b) {
     return PositionOrder(keypoints[a]) != PositionOrder(keypoints[b])
                ? PositionOrder(keypoints[a]) < PositionOrder(keypoints[b])
@@ -112,10 +122,7 @@ SiftDescriptor RootSift(const std::uint8_t* raw) {
 }
 
 Rgb ColorAt(const GreyImage& image, const std::vector<std::uint8_t>& grey, const Keypoint& keypoint) {
-  const int column = std::clamp(static_cast<int>(keypoint.x_px), 0, image.width_px - 1);
-  const int row = std::clamp(static_cast<int>(keypoint.y_px), 0, image.height_px - 1);
-  const std::size_t pixel =
-      static_cast<std::size_t>(row) * static_cast<std::size_t>(image.width_px) + static_cast<std::size_t>(column);
+  const std::size_t pixel = PixelAt(image, keypoint);
   if (image.rgb.empty()) return {grey[pixel], grey[pixel], grey[pixel]};
   return {image.rgb[3 * pixel], image.rgb[3 * pixel + 1], image.rgb[3 * pixel + 2]};
 }
@@ -161,11 +168,13 @@ TaskCost Estimate(int width_px, int height_px, const Options& options) {
   return {.peak_bytes = (8 << 20) + 246 * pixels + 512 * features, .work = 0.25e-6 * static_cast<double>(pixels)};
 }
 
-ImageFeatures Run(const GreyImage& image, const Options& options, RunContext& context) {
+ImageFeatures Run(const Input& input, const Options& options, RunContext& context) {
+  const auto& [image, mask] = input;
   const std::size_t pixels = static_cast<std::size_t>(image.width_px) * static_cast<std::size_t>(image.height_px);
   RILIEVO_CHECK(image.width_px >= 0 && image.height_px >= 0);
   RILIEVO_CHECK((image.Is16Bit() ? image.u16.size() : image.u8.size()) == pixels);
   RILIEVO_CHECK(image.rgb.empty() || image.rgb.size() == 3 * pixels);
+  RILIEVO_CHECK(mask.empty() || mask.size() == pixels);
   context.ThrowIfStopped();
   if (std::min(image.width_px, image.height_px) < kSmallestSide_px) return {};
 
@@ -173,13 +182,13 @@ ImageFeatures Run(const GreyImage& image, const Options& options, RunContext& co
   const std::vector<std::uint8_t>& grey = image.Is16Bit() ? converted : image.u8;
   // OpenCV reads its input only; its Mat has no const form.
   const cv::Mat mat(image.height_px, image.width_px, CV_8UC1, const_cast<std::uint8_t*>(grey.data()));
-  const auto [cv_keypoints, cv_descriptors] = Detect(mat, options);
+  const auto [cv_keypoints, cv_descriptors] = Detect(mat, mask.empty() ? options.max_features : 0, options);  // 0 = all
   context.ThrowIfStopped();
 
   std::vector<Keypoint> keypoints(cv_keypoints.size());
   std::transform(cv_keypoints.begin(), cv_keypoints.end(), keypoints.begin(), FromOpenCv);
   ImageFeatures result;
-  for (const std::uint32_t i : Select(keypoints, static_cast<std::size_t>(options.max_features))) {
+  for (const std::uint32_t i : Select(keypoints, input, static_cast<std::size_t>(options.max_features))) {
     const auto* raw = cv_descriptors.ptr<std::uint8_t>(static_cast<int>(i));
     result.keypoints.push_back(keypoints[i]);
     if (options.root_sift) {

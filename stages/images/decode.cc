@@ -94,16 +94,17 @@ GreyImage FolderPixelSource::Load(const std::string& image_name, bool with_color
   return image;
 }
 
-std::uint64_t FolderPixelSource::LoadPeakBytes(int width_px, int height_px, int channels, int bits_per_sample) const {
+std::uint64_t FolderPixelSource::LoadPeakBytes(const Image& image, bool with_color) const {
   // Result: grey and RGB. Beside it either libjpeg's coefficients of a progressive JPEG (2 bytes a sample, sizes
   // rounded up to blocks), or the file, OpenCV's array and one strip, which may be the whole image (TIFF: as 4 bytes a
   // pixel).
   const auto padded = [](int size) { return static_cast<std::uint64_t>(size) + 31; };
-  const std::uint64_t pixels = padded(width_px) * padded(height_px), sample = bits_per_sample > 8 ? 2 : 1;
-  const std::uint64_t all = static_cast<std::uint64_t>(channels) * sample;
-  const std::uint64_t jpeg = bits_per_sample > 8 ? 0 : 2 * pixels * all;
+  const std::uint64_t pixels = padded(image.width_px) * padded(image.height_px),
+                      sample = image.bits_per_sample > 8 ? 2 : 1;
+  const std::uint64_t all = static_cast<std::uint64_t>(image.channels) * sample;
+  const std::uint64_t jpeg = image.bits_per_sample > 8 ? 0 : 2 * pixels * all;
   const std::uint64_t other = MaxFileBytes(pixels * all) + pixels * all + pixels * std::max<std::uint64_t>(all, 4);
-  return pixels * (sample + 3) + std::max(jpeg, other) + kSlackBytes;
+  return pixels * (sample + (with_color ? 3 : 0)) + std::max(jpeg, other) + kSlackBytes;
 }
 
 }  // namespace rilievo::images

@@ -17,7 +17,7 @@ class FolderPixelSource : public PixelSource {
  public:
   explicit FolderPixelSource(std::filesystem::path folder) : folder_(std::move(folder)) {}
   GreyImage Load(const std::string& image_name, bool with_color) const override;
-  std::uint64_t LoadPeakBytes(int width_px, int height_px, int channels, int bits_per_sample) const override;
+  std::uint64_t LoadPeakBytes(const Image& image, bool with_color) const override;
 
  private:
   std::filesystem::path folder_;

@@ -53,9 +53,9 @@ GreyImage Texture(int width_px, int height_px, std::uint64_t seed) {
   return Render(width_px, height_px, blobs);
 }
 
-ImageFeatures Detect(const GreyImage& image, const Options& options = {}) {
+ImageFeatures Detect(const GreyImage& image, const Options& options = {}, std::span<const std::uint8_t> mask = {}) {
   SerialRunContext context;
-  return Run(image, options, context);
+  return Run({image, mask}, options, context);
 }
 
 auto Values(const Keypoint& k) { return std::make_tuple(k.y_px, k.x_px, k.scale_px, k.angle_rad, k.response); }
@@ -253,11 +253,43 @@ TEST(Sift, TinyAndTexturelessImagesHaveNoFeatures) {
   EXPECT_TRUE(Detect(Render(300, 200, {})).keypoints.empty());
 }
 
+TEST(Sift, AMaskKeepsTheFeaturesOnItBeforeTheCut) {
+  const GreyImage image = Texture(300, 200, 21);
+  Rng rng(22);
+  std::vector<std::uint8_t> mask(300 * 200);
+  for (std::size_t i = 0; i < mask.size(); ++i)  // squares of 20 px
+    mask[i] = Mix64(i % 300 / 20 + 100 * (i / 300 / 20)) % 2 == 0 ? static_cast<std::uint8_t>(128 + rng.Below(128))
+                                                                  : static_cast<std::uint8_t>(rng.Below(128));
+  const ImageFeatures every = Detect(image), masked = Detect(image, {}, mask);
+  ImageFeatures expected;
+  for (std::size_t i = 0; i < every.keypoints.size(); ++i) {
+    const auto pixel =
+        static_cast<std::size_t>(every.keypoints[i].y_px) * 300 + static_cast<std::size_t>(every.keypoints[i].x_px);
+    if (mask[pixel] < 128) continue;
+    expected.keypoints.push_back(every.keypoints[i]);
+    expected.descriptors.push_back(every.descriptors[i]);
+    expected.colors.push_back(every.colors[i]);
+  }
+  ASSERT_GT(expected.keypoints.size(), 50U);
+  ASSERT_LT(expected.keypoints.size(), every.keypoints.size());
+  EXPECT_TRUE(SameFeatures(masked, expected));
+  Options few;
+  few.max_features = 40;
+  std::vector<float> strongest;
+  for (const Keypoint& k : expected.keypoints) strongest.push_back(k.response);
+  std::sort(strongest.rbegin(), strongest.rend());
+  const ImageFeatures cut = Detect(image, few, mask);
+  ASSERT_EQ(cut.keypoints.size(), 40U);
+  for (const Keypoint& k : cut.keypoints) EXPECT_GE(k.response, strongest[39]);
+  EXPECT_TRUE(SameFeatures(Detect(image, {}, std::vector<std::uint8_t>(mask.size(), 255)), every));
+  EXPECT_TRUE(Detect(image, {}, std::vector<std::uint8_t>(mask.size(), 127)).keypoints.empty());
+}
+
 TEST(Sift, AStopRequestEndsIt) {
   class Stopped : public SerialRunContext {
     bool StopRequested() const override { return true; }
   } context;
-  EXPECT_THROW(features::Run(Texture(64, 64, 13), {}, context), Cancelled);
+  EXPECT_THROW(features::Run({Texture(64, 64, 13), {}}, {}, context), Cancelled);
 }
 
 TEST(Sift, TheEstimateIsATightUpperBoundOfTheMemory) {
