@@ -22,6 +22,7 @@ engine::ArtifactKey FeatureKey(const Image& image, const OrientOptions& options,
   KeyHasher hasher;
   hasher.Add("features").Add(std::uint64_t{features::kVersion}).Add(processor_level);
   hasher.Add(OptionKeyText(options.features, features::OptionDeclarations())).Add(image.content);
+  if (image.mask) hasher.Add("mask").Add(image.mask->content);
   return {"features", hasher.Finish()};
 }
 

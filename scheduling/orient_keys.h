@@ -18,8 +18,8 @@ struct OrientKeys {
   engine::ArtifactKey orientation;
 };
 
-/// Keys depend on the content of the images, the cameras, the options, the stage versions and the processor level
-/// (whose kernels OpenCV and libm choose); not on names, folders, memory, threads or time.
+/// Keys depend on the content of the images and masks, the cameras, the options, the stage versions and the processor
+/// level (whose kernels OpenCV and libm choose); not on names, folders, memory, threads or time.
 OrientKeys ComputeKeys(const Block& block, const OrientOptions& options, std::string_view processor_level);
 
 }  // namespace rilievo::scheduling
