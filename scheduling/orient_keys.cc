@@ -9,7 +9,7 @@ namespace rilievo::scheduling {
 namespace {
 
 /// Bumped when the payload of the orientation artifact changes its layout.
-constexpr std::uint64_t kOrientationFormat = 2;
+constexpr std::uint64_t kOrientationFormat = 3;
 
 void AddCamera(KeyHasher& hasher, const Camera& camera) {
   const CameraModel& m = camera.model;

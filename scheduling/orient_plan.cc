@@ -9,6 +9,7 @@
 #include "base/cpu.h"
 #include "base/rng.h"
 #include "base/serialize.h"
+#include "block/coverage.h"
 #include "block/io/serialize_block.h"
 #include "scheduling/orient_costs.h"
 #include "stages/images/masks.h"
@@ -74,18 +75,23 @@ FeatureArtifact ComputeFeatures(const OrientRun& run, const Image& image, TaskCo
   return artifact;
 }
 
+ImageSummary Summarise(const Image& image, const FeatureArtifact& artifact) {
+  const auto& keypoints = artifact.features.keypoints;
+  return {static_cast<std::uint32_t>(keypoints.size()), artifact.quarantine,
+          Coverage(keypoints, image.width_px, image.height_px)};
+}
+
 void RunFeatureTask(OrientRun& run, ImageId id, TaskContext& context) {
   const Image& image = run.block.image(id);
   const ArtifactKey& key = run.keys.features[id.value];
   ImageSummary& summary = run.images[id.value];
   if (const auto payload = ReadCounted(run, key, context)) {
-    const FeatureArtifact artifact = DeserializeFeatureArtifact(*payload);
-    summary = {static_cast<std::uint32_t>(artifact.features.keypoints.size()), artifact.quarantine};
+    summary = Summarise(image, DeserializeFeatureArtifact(*payload));
     context.MarkReused();
     return;
   }
   const FeatureArtifact artifact = ComputeFeatures(run, image, context);
-  summary = {static_cast<std::uint32_t>(artifact.features.keypoints.size()), artifact.quarantine};
+  summary = Summarise(image, artifact);
   PublishCounted(run, key, Serialize(artifact), context);
 }
 
@@ -194,6 +200,7 @@ std::vector<std::byte> Serialize(const OrientationResult& result) {
   for (const auto& image : result.images) {
     writer.Put(image.features);
     writer.PutString(image.quarantine);
+    writer.Put(image.coverage);
   }
   writer.Put<std::uint64_t>(result.pairs.size());
   for (const auto& p : result.pairs) {
@@ -221,6 +228,7 @@ OrientationResult DeserializeOrientation(std::span<const std::byte> payload) {
     ImageSummary image;
     image.features = reader.Get<std::uint32_t>();
     image.quarantine = reader.GetString();
+    image.coverage = reader.Get<double>();
     result.images.push_back(std::move(image));
   }
   for (auto n = reader.Get<std::uint64_t>(); n > 0; --n) {

@@ -59,10 +59,21 @@ class Features(ProgramTest):
         self.assertEqual(lists[0], lists[1])
         self.assertEqual(lists[0], lists[2])
 
-    def test_orient_finds_the_same_number(self):
-        self.assertEqual(self.orient().returncode, 0)
-        counted = {image["name"]: image["features"] for image in self.report()["image_list"]}
-        self.assertEqual(self.features(self.image)[0]["features"], counted[self.image.name])
+    def test_the_report_of_orient_says_the_same_also_of_images_left_out(self):
+        photos = self.copy_images()
+        stranger = photos / "stranger.png"  # has features and cannot be oriented
+        stranger.write_bytes(png(900, 600, noise(900)))
+        self.assertEqual(self.orient(photos).returncode, 0)
+        report = self.report()
+        self.assertEqual([u["name"] for u in report["unoriented"]], [stranger.name])
+        listed = {image["name"]: (image["features"], image["feature_coverage"]) for image in report["image_list"]}
+        text = rilievo("report", self.scratch / "workspace").stdout
+        for path in (photos / self.image.name, stranger):
+            summary = self.features(path)[0]
+            self.assertEqual(listed[path.name], (summary["features"], summary["coverage"]))
+            line = next(line for line in text.splitlines() if path.name in line)
+            self.assertIn(str(summary["features"]), line)
+            self.assertIn(f"{100 * summary['coverage']:.1f} %", line)
 
     def test_the_strongest_are_kept(self):
         every, few = self.features(self.image)[1], self.features(self.image, "--max-features", "100")[1]
