@@ -37,7 +37,7 @@ struct Image {
   /// What decoding holds beside the pixels it gives: rows, a strip, or all coefficients of a progressive JPEG.
   std::uint64_t decode_scratch_bytes = 0;
   ExifData exif;
-  Sha256Digest content;  ///< SHA-256 of the file's bytes
+  Sha256Digest content;          ///< SHA-256 of the file's bytes
   std::optional<MaskFile> mask;  ///< none: every pixel is used
 };
 
