@@ -38,6 +38,7 @@ void AddInfoCommand(CLI::App& app, ProgramContext& context);
 void AddReportCommand(CLI::App& app, ProgramContext& context);
 void AddExportCommand(CLI::App& app, ProgramContext& context);
 void AddSimulateCommand(CLI::App& app, ProgramContext& context);
+void AddFeaturesCommand(CLI::App& app, ProgramContext& context);
 
 /// Adds --options FILE: a TOML file that sets options of `command` by their long names. What the command line gives
 /// goes first; unknown names and wrong values are errors with the file's name. Read by ApplyOptionsFile.

@@ -1,6 +1,7 @@
 // Lists, inspects and calibrates the images of a run.
 #include "app/inputs.h"
 
+#include <algorithm>
 #include <optional>
 #include <utility>
 
@@ -13,6 +14,7 @@
 #include "simulation/scene.h"
 #include "simulation/scene_source.h"
 #include "stages/images/decode.h"
+#include "stages/images/masks.h"
 
 namespace rilievo::app {
 namespace {
@@ -60,6 +62,60 @@ std::vector<io::CalibrationEntry> ReadCalibrations(const InputFlags& flags) {
   return entries;
 }
 
+/// Masks that lie below the image folder are no photographs.
+void LeaveOutMasks(const fs::path& folder, const std::string& masks, io::FoundImages& found) {
+  const std::string below = fs::weakly_canonical(fs::absolute(masks)).lexically_relative(folder).generic_string();
+  if (below == ".")
+    throw Error(ErrorCode::kUsage, "--masks", "is the folder of the images",
+                "put the masks into a folder of their own");
+  if (below.empty() || below.starts_with("..")) return;
+  std::erase_if(found.names, [&](const std::string& name) { return name.starts_with(below + "/"); });
+  std::erase_if(found.ignored, [&](const auto& ignored) { return ignored.name.starts_with(below + "/"); });
+}
+
+/// Reads the headers and digests of the masks in parallel; the first that does not fit its image is the Error.
+void InspectMasks(const fs::path& folder, const std::vector<std::optional<std::string>>& names, Block& block,
+                  PlanRunner& runner) {
+  std::vector<std::optional<Error>> errors(names.size());
+  engine::Plan plan;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (!names[i]) continue;
+    plan.Add({.name = "mask of " + block.images[i].name,
+              .stage = "inspect",
+              .needs = {},
+              .cost = {4 * kMebibyte, 0.01},
+              .memory_hint = "raise --memory",
+              .run = [&, i](engine::TaskContext&) {
+                try {
+                  block.images[i].mask = images::InspectMask(folder, *names[i], block.images[i]);
+                } catch (const Error& error) {
+                  errors[i] = error;
+                }
+              }});
+  }
+  runner.RunQuietly(plan);
+  for (const auto& error : errors)
+    if (error) throw *error;
+}
+
+/// Gives each image its mask, and says how many have none.
+void AssignMasks(const InputFlags& flags, Inputs& inputs, PlanRunner& runner) {
+  if (flags.masks.empty()) return;
+  const fs::path folder = fs::weakly_canonical(fs::absolute(flags.masks));
+  const images::MaskFolder masks(folder);
+  std::vector<std::optional<std::string>> names;
+  for (const Image& image : inputs.block.images) names.push_back(masks.Find(image.name));
+  const auto missing = static_cast<std::size_t>(std::count(names.begin(), names.end(), std::nullopt));
+  if (missing == names.size())
+    throw Error(ErrorCode::kInvalidInput, folder.string(), "none of its files is named like an image",
+                "name each mask like its image, e.g. " + inputs.block.images.front().name);
+  if (missing > 0)
+    inputs.warnings.push_back(std::to_string(missing) + " of " + std::to_string(names.size()) +
+                              " images have no mask in " + folder.string() + " and are used whole");
+  InspectMasks(folder, names, inputs.block, runner);
+  inputs.masks = std::make_unique<images::FolderPixelSource>(folder);
+}
+
 Inputs LoadScene(const InputFlags& flags, PlanRunner& runner) {
   Inputs inputs;
   inputs.images = fs::weakly_canonical(fs::absolute(flags.images));
@@ -73,6 +129,7 @@ Inputs LoadScene(const InputFlags& flags, PlanRunner& runner) {
     inputs.block = std::move(assigned.block);
     inputs.warnings = std::move(assigned.warnings);
   }
+  AssignMasks(flags, inputs, runner);
   runner.HoldResident(simulation::EstimateRenderBytes(scene).shared, "the scene's surface");
   inputs.pixels = std::make_unique<simulation::ScenePixelSource>(std::make_shared<const simulation::Renderer>(scene));
   return inputs;
@@ -109,6 +166,11 @@ void AddInputFlags(CLI::App& command, InputFlags& flags) {
       .add_option("--order", flags.order,
                   "Text file with the order of a sequence, a name a line; else natural order of the names")
       ->type_name("FILE");
+  command
+      .add_option("--masks", flags.masks,
+                  "Folder of 8-bit masks named like the images (a.jpg, a.jpg.png or a.png): bright (128 and more) is "
+                  "used, dark ignored; images without a mask are used whole")
+      ->type_name("DIR");
 }
 
 void AddStageOptions(CLI::App& command, scheduling::OrientOptions& options) {
@@ -125,6 +187,7 @@ Inputs LoadInputs(const InputFlags& flags, PlanRunner& runner) {
   inputs.images = fs::weakly_canonical(fs::absolute(flags.images));
   const std::vector<io::CalibrationEntry> calibration = ReadCalibrations(flags);
   io::FoundImages found = io::FindImages(inputs.images);
+  if (!flags.masks.empty()) LeaveOutMasks(inputs.images, flags.masks, found);
   std::vector<QuarantinedImage> quarantined = std::move(found.ignored);
   if (!flags.order.empty()) {
     const std::vector<std::string> order = io::ReadOrderFile(flags.order, found.names);
@@ -142,6 +205,7 @@ Inputs LoadInputs(const InputFlags& flags, PlanRunner& runner) {
   inputs.block = std::move(assigned.block);
   inputs.warnings = std::move(assigned.warnings);
   inputs.pixels = std::make_unique<images::FolderPixelSource>(inputs.images);
+  AssignMasks(flags, inputs, runner);
   return inputs;
 }
 

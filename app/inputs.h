@@ -19,6 +19,7 @@ struct InputFlags {
   std::vector<std::string> calibrations;
   std::string pixel_origin = "corner";
   std::string order;
+  std::string masks;  ///< folder, empty = none
   std::string network = "sparse";
 };
 
@@ -27,14 +28,16 @@ struct Inputs {
   bool from_scene = false;
   Block block;
   std::unique_ptr<PixelSource> pixels;
+  std::unique_ptr<PixelSource> masks;  ///< of the images that have one; null without --masks
   std::vector<std::string> warnings;
 };
 
 void AddInputFlags(CLI::App& command, InputFlags& flags);
 void AddStageOptions(CLI::App& command, scheduling::OrientOptions& options);
 
-/// Reads the list, headers and content digests of the images (in parallel, through `runner`) and gives each its camera.
-/// Throws Error when nothing can be oriented with what is there (no readable image, calibration that does not fit).
+/// Reads the list, headers and content digests of the images (in parallel, through `runner`) and gives each its camera
+/// and mask. Throws Error when nothing can be oriented with what is there (no readable image, calibration or mask that
+/// does not fit).
 Inputs LoadInputs(const InputFlags& flags, PlanRunner& runner);
 
 }  // namespace rilievo::app

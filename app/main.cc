@@ -102,6 +102,7 @@ int Main(int argc, char** argv) {
   AddInfoCommand(app, context);
   AddReportCommand(app, context);
   AddExportCommand(app, context);
+  AddFeaturesCommand(app, context);
   AddSimulateCommand(app, context);
   return FlushOutput(context, Dispatch(app, argc, argv, context));
 }

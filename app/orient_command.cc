@@ -92,7 +92,8 @@ int RunOrient(const OrientFlags& flags, ProgramContext& context) {
   PlanRunner runner(flags.run, context);
   const auto found = scheduling::Workspace::ForPlanning(flags.workspace);
   Inputs inputs = LoadUsableInputs(flags, runner, context);
-  scheduling::OrientRun planned(inputs.block, *inputs.pixels, found.store(), options, runner.overhead_bytes());
+  scheduling::OrientRun planned(inputs.block, *inputs.pixels, inputs.masks.get(), found.store(), options,
+                                runner.overhead_bytes());
   planned.budget_bytes = runner.limits().budget_bytes;
   std::optional<OrientationResult> result = scheduling::LoadOrientation(found.store(), planned.keys);
   if (!result)
@@ -146,7 +147,8 @@ int RunPlan(const OrientFlags& flags, ProgramContext& context) {
   const auto workspace =
       scheduling::Workspace::ForPlanning(flags.workspace.empty() ? "rilievo-workspace" : flags.workspace);
   const Inputs inputs = LoadUsableInputs(flags, runner, context);
-  scheduling::OrientRun run(inputs.block, *inputs.pixels, workspace.store(), options, runner.overhead_bytes());
+  scheduling::OrientRun run(inputs.block, *inputs.pixels, inputs.masks.get(), workspace.store(), options,
+                            runner.overhead_bytes());
   run.budget_bytes = runner.limits().budget_bytes;
   const auto summary = scheduling::Summarize(run, runner.limits().budget_bytes, runner.limits().threads);
   PrintPlan(summary, flags, inputs, runner, workspace.dir());

@@ -13,6 +13,7 @@ namespace rilievo {
 struct ImageSummary {
   std::uint32_t features = 0;
   std::string quarantine;  ///< reason when the image could not be decoded, else empty
+  double coverage = 0;     ///< share of the cells of a CoverageGrid that hold a feature
 };
 
 struct PairSummary {

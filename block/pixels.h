@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "block/image.h"
+
 namespace rilievo {
 
 /// Row-major grey image of 8 or 16 bits a pixel (one of the two vectors is used), with an optional 8-bit RGB copy.
@@ -23,8 +25,8 @@ class PixelSource {
   virtual ~PixelSource() = default;
   /// Whole image as stored (no EXIF rotation). Throws Error naming the image when it cannot be decoded.
   virtual GreyImage Load(const std::string& image_name, bool with_color) const = 0;
-  /// Upper bound of the bytes that Load holds at once for an image of this size.
-  virtual std::uint64_t LoadPeakBytes(int width_px, int height_px, int channels, int bits_per_sample) const = 0;
+  /// Upper bound of the bytes that Load holds at once for this image, its result included.
+  virtual std::uint64_t LoadPeakBytes(const Image& image, bool with_color) const = 0;
 };
 
 }  // namespace rilievo

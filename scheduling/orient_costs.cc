@@ -119,11 +119,10 @@ features::Tiling FeatureTiling(const OrientRun& run, const Image& image) {
 }
 
 TaskCost FeatureTaskCost(const OrientRun& run, const Image& image) {
-  TaskCost cost =
-      features::Estimate(image.width_px, image.height_px, run.options.features, FeatureTiling(run, image));
-  const std::uint64_t load =
-      run.pixels.LoadPeakBytes(image.width_px, image.height_px, image.channels, image.bits_per_sample);
-  cost.peak_bytes = std::max(cost.peak_bytes, load) + 2 * Cap(run) * kFeatureBytes;
+  TaskCost cost = features::Estimate(image.width_px, image.height_px, run.options.features, FeatureTiling(run, image));
+  const auto pixels = static_cast<std::uint64_t>(image.width_px) * static_cast<std::uint64_t>(image.height_px);
+  cost.peak_bytes = std::max(cost.peak_bytes, run.pixels.LoadPeakBytes(image, true)) + 2 * Cap(run) * kFeatureBytes;
+  if (image.mask) cost.peak_bytes = std::max(cost.peak_bytes + pixels, image.mask->load_peak_bytes);
   return cost;
 }
 

@@ -9,7 +9,7 @@ namespace rilievo::scheduling {
 namespace {
 
 /// Bumped when the payload of the orientation artifact changes its layout.
-constexpr std::uint64_t kOrientationFormat = 2;
+constexpr std::uint64_t kOrientationFormat = 3;
 
 void AddCamera(KeyHasher& hasher, const Camera& camera) {
   const CameraModel& m = camera.model;
@@ -22,13 +22,14 @@ engine::ArtifactKey FeatureKey(const Image& image, const OrientOptions& options)
   KeyHasher hasher;
   hasher.Add("features").Add(std::uint64_t{features::kVersion});
   hasher.Add(OptionKeyText(options.features, features::OptionDeclarations())).Add(image.content);
+  if (image.mask) hasher.Add("mask").Add(image.mask->content);
   return {"features", hasher.Finish()};
 }
 
 engine::ArtifactKey TileKey(const PairTile& tile, const Block& block, const OrientOptions& options,
-                            const std::vector<engine::ArtifactKey>& features) {
+                            const std::vector<engine::ArtifactKey>& features, std::string_view processor_level) {
   KeyHasher hasher;
-  hasher.Add("pairs").Add(std::uint64_t{matching::kVersion}).Add(std::uint64_t{verification::kVersion});
+  hasher.Add("pairs").Add(processor_level).Add(std::uint64_t{matching::kVersion}).Add(std::uint64_t{verification::kVersion});
   hasher.Add(OptionKeyText(options.matching, matching::OptionDeclarations()));
   hasher.Add(OptionKeyText(options.verification, verification::OptionDeclarations()));
   hasher.Add(std::uint64_t{tile.pairs.size()});
@@ -47,7 +48,7 @@ OrientKeys ComputeKeys(const Block& block, const OrientOptions& options, std::st
   OrientKeys keys;
   for (const Image& image : block.images) keys.features.push_back(FeatureKey(image, options));
   keys.tiles = TilePairs(SelectPairs(block.images.size(), options.network), TileEdge(block.images.size()));
-  for (const PairTile& tile : keys.tiles) keys.pairs.push_back(TileKey(tile, block, options, keys.features));
+  for (const PairTile& tile : keys.tiles) keys.pairs.push_back(TileKey(tile, block, options, keys.features, processor_level));
 
   KeyHasher hasher;
   hasher.Add("orientation")

@@ -18,8 +18,9 @@ struct OrientKeys {
   engine::ArtifactKey orientation;
 };
 
-/// Keys depend on the content of the images, the cameras, the options, the stage versions and the processor level
-/// (whose kernels OpenCV and libm choose); not on names, folders, memory, threads or time.
+/// Keys depend on the content of the images and masks, the cameras, the options and the stage versions; those of pairs
+/// and the orientation also on the processor level (libm chooses its kernels by it); not on names, folders, memory, threads
+/// or time.
 OrientKeys ComputeKeys(const Block& block, const OrientOptions& options, std::string_view processor_level);
 
 }  // namespace rilievo::scheduling

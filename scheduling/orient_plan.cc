@@ -9,8 +9,10 @@
 #include "base/cpu.h"
 #include "base/rng.h"
 #include "base/serialize.h"
+#include "block/coverage.h"
 #include "block/io/serialize_block.h"
 #include "scheduling/orient_costs.h"
+#include "stages/images/masks.h"
 #include "stages/tracks/tracks.h"
 
 namespace rilievo::scheduling {
@@ -57,17 +59,26 @@ FeatureArtifact DeserializeFeatureArtifact(std::span<const std::byte> payload) {
 FeatureArtifact ComputeFeatures(const OrientRun& run, const Image& image, TaskContext& context) {
   FeatureArtifact artifact;
   try {
+    std::vector<std::uint8_t> mask;
+    if (image.mask) mask = images::LoadMask(*run.masks, *image.mask, image);
     const GreyImage pixels = run.pixels.Load(image.name, true);
     if (pixels.width_px != image.width_px || pixels.height_px != image.height_px)
       throw Error(ErrorCode::kInvalidInput, image.name, "its header and its pixels disagree about the image size");
     context.ThrowIfStopped();
-    artifact.features = features::Run({pixels, {}, FeatureTiling(run, image)}, run.options.features, context);
+    artifact.features = features::Run({pixels, mask, FeatureTiling(run, image)}, run.options.features, context);
   } catch (const Error& error) {
-    // A property of the file's bytes, which the key covers: the image is quarantined and the survey goes on.
+    // A property of the bytes of the image or its mask, which the key covers: the image is quarantined and the survey
+    // goes on.
     if (error.code() != ErrorCode::kInvalidInput && error.code() != ErrorCode::kUnsupported) throw;
     artifact.quarantine = error.message();
   }
   return artifact;
+}
+
+ImageSummary Summarise(const Image& image, const FeatureArtifact& artifact) {
+  const auto& keypoints = artifact.features.keypoints;
+  return {static_cast<std::uint32_t>(keypoints.size()), artifact.quarantine,
+          Coverage(keypoints, image.width_px, image.height_px)};
 }
 
 void RunFeatureTask(OrientRun& run, ImageId id, TaskContext& context) {
@@ -75,13 +86,12 @@ void RunFeatureTask(OrientRun& run, ImageId id, TaskContext& context) {
   const ArtifactKey& key = run.keys.features[id.value];
   ImageSummary& summary = run.images[id.value];
   if (const auto payload = ReadCounted(run, key, context)) {
-    const FeatureArtifact artifact = DeserializeFeatureArtifact(*payload);
-    summary = {static_cast<std::uint32_t>(artifact.features.keypoints.size()), artifact.quarantine};
+    summary = Summarise(image, DeserializeFeatureArtifact(*payload));
     context.MarkReused();
     return;
   }
   const FeatureArtifact artifact = ComputeFeatures(run, image, context);
-  summary = {static_cast<std::uint32_t>(artifact.features.keypoints.size()), artifact.quarantine};
+  summary = Summarise(image, artifact);
   PublishCounted(run, key, Serialize(artifact), context);
 }
 
@@ -139,7 +149,9 @@ std::vector<TwoViewGeometry> LoadTile(const PairTile& tile, std::span<const std:
 
 TwoViewGeometry MatchAndVerify(const OrientRun& run, const ImagePair& pair, const ImageFeatures& first,
                                const ImageFeatures& second, TaskContext& context) {
-  const auto matches = matching::Run(first.descriptors, second.descriptors, run.options.matching, context);
+  const auto matches = features::ComparesEqualSignsOnly(run.options.features)
+                           ? matching::RunBySign(first, second, run.options.matching, context)
+                           : matching::Run(first.descriptors, second.descriptors, run.options.matching, context);
   PairContext pair_context(context, run.keys.features[pair.first.value].digest,
                            run.keys.features[pair.second.value].digest);
   const verification::Input input{{ImageId(0), ImageId(1)},
@@ -190,6 +202,7 @@ std::vector<std::byte> Serialize(const OrientationResult& result) {
   for (const auto& image : result.images) {
     writer.Put(image.features);
     writer.PutString(image.quarantine);
+    writer.Put(image.coverage);
   }
   writer.Put<std::uint64_t>(result.pairs.size());
   for (const auto& p : result.pairs) {
@@ -217,6 +230,7 @@ OrientationResult DeserializeOrientation(std::span<const std::byte> payload) {
     ImageSummary image;
     image.features = reader.Get<std::uint32_t>();
     image.quarantine = reader.GetString();
+    image.coverage = reader.Get<double>();
     result.images.push_back(std::move(image));
   }
   for (auto n = reader.Get<std::uint64_t>(); n > 0; --n) {
@@ -308,10 +322,11 @@ TaskId AddPairTask(const std::shared_ptr<OrientRun>& run, std::size_t tile_index
 
 }  // namespace
 
-OrientRun::OrientRun(const Block& b, const PixelSource& p, const engine::ArtifactStore& s, OrientOptions o,
-                     std::uint64_t overhead)
+OrientRun::OrientRun(const Block& b, const PixelSource& p, const PixelSource* m, const engine::ArtifactStore& s,
+                     OrientOptions o, std::uint64_t overhead)
     : block(b),
       pixels(p),
+      masks(m),
       store(s),
       options(std::move(o)),
       keys(ComputeKeys(b, options, ProcessorLevel())),
@@ -322,6 +337,7 @@ OrientRun::OrientRun(const Block& b, const PixelSource& p, const engine::Artifac
 OrientRun::OrientRun(const OrientRun& planned, const engine::ArtifactStore& s)
     : block(planned.block),
       pixels(planned.pixels),
+      masks(planned.masks),
       store(s),
       options(planned.options),
       keys(planned.keys),

@@ -18,6 +18,7 @@ namespace rilievo::scheduling {
 struct OrientRun {
   const Block& block;
   const PixelSource& pixels;
+  const PixelSource* masks;  ///< of the images that have one; may be null when none has
   const engine::ArtifactStore& store;
   OrientOptions options;
   OrientKeys keys;
@@ -28,8 +29,8 @@ struct OrientRun {
   /// What one task may hold: images are cut into strips so that their features fit it.
   std::uint64_t budget_bytes = std::numeric_limits<std::uint64_t>::max();
 
-  OrientRun(const Block& block, const PixelSource& pixels, const engine::ArtifactStore& store, OrientOptions options,
-            std::uint64_t overhead_bytes);
+  OrientRun(const Block& block, const PixelSource& pixels, const PixelSource* masks, const engine::ArtifactStore& store,
+            OrientOptions options, std::uint64_t overhead_bytes);
   /// The run that was planned, now with the store that it writes to; nothing is computed again.
   OrientRun(const OrientRun& planned, const engine::ArtifactStore& store);
 };

@@ -102,7 +102,11 @@ json ToJson(const Image& i) {
               {"make", i.exif.make},
               {"model", i.exif.model},
               {"date_time", i.exif.date_time},
+              {"decode_scratch_bytes", i.decode_scratch_bytes},
               {"content", i.content.Hex()}};
+  if (i.mask)
+    out["mask"] = {
+        {"name", i.mask->name}, {"content", i.mask->content.Hex()}, {"load_peak_bytes", i.mask->load_peak_bytes}};
   return out;
 }
 
@@ -120,7 +124,10 @@ Image ImageFromJson(const json& in, ImageId id) {
   i.exif.make = in.at("make");
   i.exif.model = in.at("model");
   i.exif.date_time = in.at("date_time");
+  i.decode_scratch_bytes = in.value("decode_scratch_bytes", std::uint64_t{0});  // of records before it: none
   i.content = DigestFromHex(in.at("content"));
+  if (const auto mask = in.find("mask"); mask != in.end())
+    i.mask = MaskFile{mask->at("name"), DigestFromHex(mask->at("content")), mask->at("load_peak_bytes")};
   return i;
 }
 

@@ -27,9 +27,9 @@ GreyImage ScenePixelSource::Load(const std::string& image_name, bool with_color)
   return image;
 }
 
-std::uint64_t ScenePixelSource::LoadPeakBytes(int width_px, int height_px, int, int) const {
-  return EstimateRenderBytes(renderer_->scene()).per_image +
-         3 * static_cast<std::uint64_t>(width_px) * static_cast<std::uint64_t>(height_px);
+std::uint64_t ScenePixelSource::LoadPeakBytes(const Image& image, bool with_color) const {
+  const auto pixels = static_cast<std::uint64_t>(image.width_px) * static_cast<std::uint64_t>(image.height_px);
+  return EstimateRenderBytes(renderer_->scene()).per_image + (with_color ? 3 * pixels : 0);
 }
 
 ExifData SceneExif(const Scene& scene, std::size_t image) {

@@ -18,7 +18,7 @@ class ScenePixelSource : public PixelSource {
   /// Throws Error(kNotFound) for a name the scene does not have. With colour the grey value is repeated.
   GreyImage Load(const std::string& image_name, bool with_color) const override;
   /// What one call holds; the renderer itself is not counted (EstimateRenderBytes().shared).
-  std::uint64_t LoadPeakBytes(int width_px, int height_px, int channels, int bits_per_sample) const override;
+  std::uint64_t LoadPeakBytes(const Image& image, bool with_color) const override;
 
  private:
   std::shared_ptr<const Renderer> renderer_;

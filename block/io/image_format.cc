@@ -81,22 +81,71 @@ double PixelCount(const FormatHeader& header) {
 
 constexpr double kMostByDeflate = 1032;  ///< RFC 1951: 258 bytes by a length and a distance code of 1 bit each
 
-/// The least that Huffman-coded JPEG takes for a frame whose sampling factors are at `at` in the file: in a sequential
-/// file every 8x8 block has a DC code and an end of block of 1 bit each (T.81, F.1.2), in a progressive one the DC code
-/// alone (G.1.2: one code may end 32767 blocks). Counted for the most finely sampled component only.
-double LeastJpegBytes(const HeaderFile& file, std::uint64_t at, const FormatHeader& header, bool is_progressive) {
-  std::uint64_t finest = 0, widest = 1, highest = 1;
-  for (int i = 0; i < header.channels; ++i) {
+/// Sampling factors of the components of a JPEG frame (T.81, B.2.2).
+struct JpegSampling {
+  struct Factors {
+    std::uint64_t horizontal = 1, vertical = 1;
+  };
+  std::vector<Factors> components;
+  std::uint64_t widest = 1, highest = 1;
+};
+
+JpegSampling ReadJpegSampling(const HeaderFile& file, std::uint64_t at, int channels) {
+  JpegSampling sampling;
+  for (int i = 0; i < channels; ++i) {
     const auto factors = ReadNumber(file, at + 3 * static_cast<std::uint64_t>(i) + 1, 1, true);
     const std::uint64_t horizontal = factors >> 4, vertical = factors & 15;
     if (horizontal < 1 || horizontal > 4 || vertical < 1 || vertical > 4)
       throw file.Bad("corrupt JPEG header: impossible sampling factors");
-    finest = std::max(finest, horizontal * vertical);
-    widest = std::max(widest, horizontal);
-    highest = std::max(highest, vertical);
+    sampling.components.push_back({horizontal, vertical});
+    sampling.widest = std::max(sampling.widest, horizontal);
+    sampling.highest = std::max(sampling.highest, vertical);
   }
-  const double blocks = PixelCount(header) / 64 * static_cast<double>(finest) / static_cast<double>(widest * highest);
+  return sampling;
+}
+
+/// The least that Huffman-coded JPEG takes for a frame: in a sequential file every 8x8 block has a DC code and an end
+/// of block of 1 bit each (T.81, F.1.2), in a progressive one the DC code alone (G.1.2: one code may end 32767 blocks).
+/// Counted for the most finely sampled component only.
+double LeastJpegBytes(const FormatHeader& header, const JpegSampling& sampling, bool is_progressive) {
+  std::uint64_t finest = 0;
+  for (const auto& [horizontal, vertical] : sampling.components) finest = std::max(finest, horizontal * vertical);
+  const double blocks =
+      PixelCount(header) / 64 * static_cast<double>(finest) / static_cast<double>(sampling.widest * sampling.highest);
   return blocks * (is_progressive ? 1 : 2) / 8;
+}
+
+/// Whether the first scan behind `at` holds every component, so that rows can be decoded as they come. A file that ends
+/// before says no.
+bool FirstScanHoldsAll(const HeaderFile& file, std::uint64_t at, int channels) {
+  while (at + 5 <= file.size() && ReadNumber(file, at, 1, true) == 0xFF) {
+    const auto marker = ReadNumber(file, at + 1, 1, true);
+    if (marker == 0xFF) {  // fill byte
+      ++at;
+      continue;
+    }
+    if (marker == 0xDA) return ReadNumber(file, at + 4, 1, true) == static_cast<std::uint64_t>(channels);
+    at += 2 + ReadNumber(file, at + 2, 2, true);
+  }
+  return false;
+}
+
+constexpr std::uint64_t kDecoderBytes = 1 << 20;  ///< a decoder's tables and file buffers
+
+/// Rows: at most 2 x 10 row groups of the tallest component before upsampling, one after it, one of colour. A file of
+/// several scans needs all coefficients: 2 bytes a sample of each component's own size, in whole blocks.
+std::uint64_t JpegScratchBytes(const FormatHeader& header, const JpegSampling& sampling, bool has_one_scan) {
+  const auto width = static_cast<std::uint64_t>(header.width_px), height = static_cast<std::uint64_t>(header.height_px);
+  std::uint64_t bytes = kDecoderBytes + (width + 64) * 64 * sampling.components.size();
+  if (has_one_scan) return bytes;
+  for (const auto& [horizontal, vertical] : sampling.components) {
+    const auto blocks = [](std::uint64_t size, std::uint64_t factor, std::uint64_t most) {
+      const std::uint64_t count = (size * factor + most * 8 - 1) / (most * 8);
+      return (count + factor - 1) / factor * factor;
+    };
+    bytes += blocks(width, horizontal, sampling.widest) * blocks(height, vertical, sampling.highest) * 64 * 2;
+  }
+  return bytes;
 }
 
 ParsedHeader ReadJpeg(const HeaderFile& file) {
@@ -131,7 +180,11 @@ ParsedHeader ReadJpeg(const HeaderFile& file) {
       if (header.channels == 4) throw file.Unsupported("CMYK JPEG is not read");
       if (header.channels != 1 && header.channels != 3)
         throw file.Bad("corrupt JPEG header: impossible number of channels");
-      const double least_bytes = LeastJpegBytes(file, at + 10, header, marker == 0xC2);
+      const JpegSampling sampling = ReadJpegSampling(file, at + 10, header.channels);
+      const bool is_progressive = marker == 0xC2;
+      header.decode_scratch_bytes = JpegScratchBytes(
+          header, sampling, !is_progressive && FirstScanHoldsAll(file, at + 2 + length, header.channels));
+      const double least_bytes = LeastJpegBytes(header, sampling, is_progressive);
       return {std::move(header), static_cast<double>(file.size()), least_bytes};
     }
     at += 2 + length;
@@ -156,6 +209,8 @@ ParsedHeader ReadPng(const HeaderFile& file) {
   const bool plausible = (depth == 1 || depth == 2 || depth == 4 || depth == 8 || depth == 16) &&
                          (color == 0 || color == 2 || color == 3 || color == 4 || color == 6);
   if (!plausible) throw file.Bad("corrupt PNG header: impossible sample format");
+  // Two rows of the file and one of samples, of 8 bytes a pixel at most.
+  header.decode_scratch_bytes = kDecoderBytes + 24 * static_cast<std::uint64_t>(header.width_px);
   const int stored_channels = color == 3 ? 1 : header.channels;
   const double raw_bytes = PixelCount(header) * stored_channels * static_cast<double>(depth) / 8;
   return {header, static_cast<double>(file.size()), raw_bytes / kMostByDeflate};
@@ -188,8 +243,9 @@ std::vector<std::uint64_t> TiffValues(const HeaderFile& file, std::uint64_t entr
 
 /// The tags that matter here, of the first directory.
 struct TiffTags {
-  std::uint64_t width_px = 0, height_px = 0, channels = 1, photometric = 1, sample_format = 1, orientation_at = 0,
-                compression = 1;
+  std::uint64_t width_px = 0, height_px = 0, channels = 1, photometric = 1, sample_format = 1, compression = 1,
+                planar = 1, rows_per_strip = ~std::uint64_t{0};
+  std::uint64_t tile_width_px = 0, tile_height_px = 0;  ///< 0: strips
   std::vector<std::uint64_t> bits{1}, offsets, byte_counts;
 };
 
@@ -216,11 +272,20 @@ TiffTags ReadTiffTags(const HeaderFile& file, const TiffLayout& layout) {
       case 262:
         tags.photometric = TiffValues(file, entry, layout)[0];
         break;
-      case 274:
-        tags.orientation_at = layout.ValueAt(entry);
-        break;
       case 277:
         tags.channels = TiffValues(file, entry, layout)[0];
+        break;
+      case 278:
+        tags.rows_per_strip = TiffValues(file, entry, layout)[0];
+        break;
+      case 284:
+        tags.planar = TiffValues(file, entry, layout)[0];
+        break;
+      case 322:
+        tags.tile_width_px = TiffValues(file, entry, layout)[0];
+        break;
+      case 323:
+        tags.tile_height_px = TiffValues(file, entry, layout)[0];
         break;
       case 339:
         tags.sample_format = TiffValues(file, entry, layout)[0];
@@ -262,6 +327,29 @@ double MostPerByteOfTiff(std::uint64_t compression) {
   }
 }
 
+/// What libtiff holds for the strip or tile it is in: its bytes in the file, for each plane of its own; of tiles, of
+/// YCbCr (given as 4 bytes a pixel) and of codecs that work on it as a whole also its pixels.
+std::uint64_t TiffScratchBytes(const HeaderFile& file, const TiffTags& tags) {
+  const std::uint64_t sample_bytes = tags.bits[0] / 8, samples = tags.photometric == 3 ? 1 : tags.channels;
+  const bool is_tiled = tags.tile_width_px > 0;
+  const std::uint64_t width = is_tiled ? tags.tile_width_px : tags.width_px;
+  const std::uint64_t height = is_tiled ? tags.tile_height_px : std::min(tags.rows_per_strip, tags.height_px);
+  if (width == 0 || height == 0 || width > static_cast<std::uint64_t>(kMaxImagePixels) / height)
+    throw file.Bad("corrupt TIFF header: impossible size of a strip or tile");
+  std::uint64_t stored = 0;
+  for (const std::uint64_t bytes : tags.byte_counts) stored = std::max(stored, bytes == 0 ? file.size() : bytes);
+  const std::uint64_t pixels = width * height, raw = pixels * samples * sample_bytes;
+  std::uint64_t bytes = 2 * kDecoderBytes + 3 * tags.width_px * samples * sample_bytes;
+  if (tags.compression != 1 || is_tiled) bytes += tags.planar == 2 ? samples * stored : stored;
+  if (is_tiled) bytes += raw;
+  if (tags.photometric == 6) bytes += 4 * pixels + raw + (tags.compression == 7 ? 0 : file.size());  // mapped
+  if (tags.compression == 7) bytes += 64 * width * samples + 2 * (height > 64 ? raw : 0);
+  if (tags.compression == 34925) bytes += std::uint64_t{80} << 20;  // the dictionary of LZMA's highest preset
+  if (tags.compression == 50000) bytes += std::uint64_t{16} << 20;  // Zstandard's usual largest window
+  if (tags.compression > 50000) bytes += 2 * raw;
+  return bytes;
+}
+
 /// Strips may share bytes, and careless writers leave their lengths 0: what counts is the larger of strips and file.
 /// Colours of YCbCr may be subsampled to next to nothing.
 ParsedHeader WithTiffBytes(const HeaderFile& file, const TiffTags& tags, const FormatHeader& header) {
@@ -278,8 +366,6 @@ ParsedHeader ReadTiff(const HeaderFile& file, bool big_endian) {
   const TiffTags tags = ReadTiffTags(file, layout);
   FormatHeader header;
   header.format = ImageFormat::kTiff;
-  header.is_big_endian = big_endian;
-  header.tiff_orientation_at = tags.orientation_at;
   header.width_px = static_cast<long long>(std::min<std::uint64_t>(tags.width_px, 1U << 31));
   header.height_px = static_cast<long long>(std::min<std::uint64_t>(tags.height_px, 1U << 31));
   header.bits_per_sample = static_cast<int>(std::min<std::uint64_t>(tags.bits[0], 1000));
@@ -299,6 +385,7 @@ ParsedHeader ReadTiff(const HeaderFile& file, bool big_endian) {
   for (std::size_t i = 0; i < tags.offsets.size(); ++i)
     if (tags.offsets[i] > file.size() || tags.byte_counts[i] > file.size() - tags.offsets[i])
       throw file.Bad("truncated: the TIFF's pixels end after the file does");
+  if (header.width_px > 0 && header.height_px > 0) header.decode_scratch_bytes = TiffScratchBytes(file, tags);
   return WithTiffBytes(file, tags, header);
 }
 

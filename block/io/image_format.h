@@ -17,10 +17,8 @@ struct FormatHeader {
   long long width_px = 0, height_px = 0;
   int channels = 0, bits_per_sample = 0;  ///< as decoded: palettes count as 3 channels, fewer than 8 bits of PNG as 8
   std::vector<std::uint8_t> exif;         ///< TIFF-structured EXIF block of a JPEG; empty for other formats
-  /// TIFF: where the 16-bit value of the Orientation tag lies in the file (0: it has none), and its byte order.
-  /// Decoders that would turn the image by it are given a copy in which it is 1.
-  std::uint64_t tiff_orientation_at = 0;
-  bool is_big_endian = false;
+  /// Upper bound of what decoding it row by row (strip by strip, tile by tile) holds beside the pixels it gives.
+  std::uint64_t decode_scratch_bytes = 0;
 };
 
 /// Largest image that is accepted, in pixels.

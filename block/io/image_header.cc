@@ -123,6 +123,7 @@ Image ReadImageHeader(const std::filesystem::path& folder, const std::string& na
   image.height_px = static_cast<int>(header.height_px);
   image.channels = header.channels;
   image.bits_per_sample = header.bits_per_sample;
+  image.decode_scratch_bytes = header.decode_scratch_bytes;
   image.exif = ReadExif(path, header);
   image.content = HashFile(path);
   return image;

@@ -9,6 +9,7 @@
 #include "base/check.h"
 #include "stages/features/selection.h"
 #include "stages/features/sift.h"
+#include "stages/features/surf.h"
 
 namespace rilievo::features {
 namespace {
@@ -31,11 +32,29 @@ SiftOptions SiftOptionsOf(const Options& options) {
       options.first_octave, {options.contrast_threshold, options.edge_threshold, options.root_sift}, options.octaves};
 }
 
-Rgb ColorAt(const GreyImage& image, const Keypoint& keypoint) {
+bool IsSurf(const Options& options) { return options.detector != "sift"; }
+
+SurfOptions SurfOptionsOf(const Options& options) {
+  return {options.hessian_threshold, options.detector == "surf-128" ? 128 : 64, options.detector == "u-surf-64"};
+}
+
+std::size_t PixelAt(const GreyImage& image, const Keypoint& keypoint) {
   const int column = std::clamp(static_cast<int>(keypoint.x_px), 0, image.width_px - 1);
   const int row = std::clamp(static_cast<int>(keypoint.y_px), 0, image.height_px - 1);
-  const std::size_t pixel =
-      static_cast<std::size_t>(row) * static_cast<std::size_t>(image.width_px) + static_cast<std::size_t>(column);
+  return static_cast<std::size_t>(row) * static_cast<std::size_t>(image.width_px) + static_cast<std::size_t>(column);
+}
+
+std::vector<Feature> Detect(const Input& input, const Options& options, const SelectionRule& rule,
+                            RunContext& context) {
+  if (!IsSurf(options)) return DetectSift(input, SiftOptionsOf(options), rule, ProcessKernels(), context);
+  std::vector<Feature> features = DetectSurf(input, SurfOptionsOf(options), input.tiling, context);
+  if (!input.mask.empty())
+    std::erase_if(features, [&](const Feature& f) { return input.mask[PixelAt(input.image, f.keypoint)] < 128; });
+  return features;
+}
+
+Rgb ColorAt(const GreyImage& image, const Keypoint& keypoint) {
+  const std::size_t pixel = PixelAt(image, keypoint);
   if (!image.rgb.empty()) return {image.rgb[3 * pixel], image.rgb[3 * pixel + 1], image.rgb[3 * pixel + 2]};
   const auto grey = static_cast<std::uint8_t>(image.Is16Bit() ? image.u16[pixel] >> 8 : image.u8[pixel]);
   return {grey, grey, grey};
@@ -46,7 +65,13 @@ Rgb ColorAt(const GreyImage& image, const Keypoint& keypoint) {
 std::span<const OptionDeclaration<Options>> OptionDeclarations() {
   // Positional, all fields given: g++ 12 fails on designated initialisers of this template.
   static const std::vector<OptionDeclaration<Options>> declarations = {
-      {"detector", &Options::detector, 0, 0, "", "detector and descriptor", {"sift"}},
+      {"detector",
+       &Options::detector,
+       0,
+       0,
+       "",
+       "detector and descriptor",
+       {"sift", "surf-64", "surf-128", "u-surf-64"}},
       {"max-features",
        &Options::max_features,
        1,
@@ -90,17 +115,28 @@ std::span<const OptionDeclaration<Options>> OptionDeclarations() {
        "largest ratio of the two curvatures of a feature; higher keeps more points along edges",
        {}},
       {"root-sift", &Options::root_sift, 0, 1, "", "compare descriptors by the Hellinger distance (RootSIFT)", {}},
+      {"hessian-threshold",
+       &Options::hessian_threshold,
+       0.01,
+       10000,
+       "grey levels^2",
+       "SURF: least determinant of the Hessian; lower it for weak texture",
+       {}},
   };
   return declarations;
 }
+
+bool ComparesEqualSignsOnly(const Options& options) { return IsSurf(options); }
 
 TaskCost Estimate(int width_px, int height_px, const Options& options, const Tiling& tiling) {
   const int width = std::max(width_px, 0), height = std::max(height_px, 0);
   const auto pixels = static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
   const SelectionRule rule = RuleOf(std::max(1, width), std::max(1, height), options);
-  const double work_s_per_px = options.first_octave < 0 ? 0.06e-6 : 0.02e-6;
-  return {.peak_bytes = (4 << 20) + 5 * pixels + SiftBytesHeld(width, height, SiftOptionsOf(options), rule, tiling),
-          .work = work_s_per_px * static_cast<double>(pixels)};
+  // SURF gathers all features before the cut: twice what noise has, one in 50 pixels.
+  const std::uint64_t held = IsSurf(options) ? SurfPeakBytes(width, tiling) + pixels / 25 * sizeof(Feature)
+                                             : SiftBytesHeld(width, height, SiftOptionsOf(options), rule, tiling);
+  const double work_s_per_px = IsSurf(options) || options.first_octave >= 0 ? 0.02e-6 : 0.06e-6;
+  return {.peak_bytes = (4 << 20) + 5 * pixels + held, .work = work_s_per_px * static_cast<double>(pixels)};
 }
 
 Tiling ChooseTiling(int width_px, int height_px, const Options& options, std::uint64_t budget_bytes) {
@@ -122,8 +158,7 @@ ImageFeatures Run(const Input& input, const Options& options, RunContext& contex
   if (pixels == 0) return {};
 
   const SelectionRule rule = RuleOf(image.width_px, image.height_px, options);
-  const std::vector<Feature> features =
-      SelectFeatures(DetectSift(input, SiftOptionsOf(options), rule, ProcessKernels(), context), rule);
+  const std::vector<Feature> features = SelectFeatures(Detect(input, options, rule, context), rule);
   ImageFeatures result;
   result.keypoints.reserve(features.size());
   result.descriptors.reserve(features.size());

@@ -22,12 +22,16 @@ struct Options {
   double contrast_threshold = 0.015;
   double edge_threshold = 10.0;
   bool root_sift = true;
+  double hessian_threshold = 8.0;
 };
 
 std::span<const OptionDeclaration<Options>> OptionDeclarations();
 
 /// Bumped whenever Run's result changes for equal input: part of the artifact key.
 inline constexpr int kVersion = 2;
+
+/// Whether descriptors of bright and dark blobs must not be compared (matching::RunBySign): SURF's.
+bool ComparesEqualSignsOnly(const Options& options);
 
 /// Upper bound of the memory Run holds for an image of this size (its own grey and colour pixels included).
 TaskCost Estimate(int width_px, int height_px, const Options& options, const Tiling& tiling);
@@ -37,7 +41,7 @@ Tiling ChooseTiling(int width_px, int height_px, const Options& options, std::ui
 
 /// Detects up to `max_features` keypoints, sorted by (y, x, scale, angle). Deterministic: the same bytes for every
 /// tiling, number of threads and processor level (RILIEVO_KERNELS forces one). Images without texture, or too small for
-/// a single feature, give none. Cost about 0.06 s a megapixel on one core.
+/// a single feature, give none. Cost of SIFT about 0.06 s a megapixel on one core, of SURF a third.
 ImageFeatures Run(const Input& input, const Options& options, RunContext& context);
 
 }  // namespace rilievo::features

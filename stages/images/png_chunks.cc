@@ -1,10 +1,12 @@
-// Checks a PNG's chunks and keeps those that make pixels. Source: PNG specification, third edition, sections 5 and
+// Checks a PNG's chunks and hands on those that make pixels. Source: PNG specification, third edition, sections 5 and
 // annex D.
 #include "stages/images/png_chunks.h"
 
+#include <algorithm>
 #include <array>
-#include <cstdint>
-#include <cstring>
+#include <span>
+#include <string_view>
+#include <vector>
 
 namespace rilievo::images {
 namespace {
@@ -20,39 +22,72 @@ constexpr std::array<std::uint32_t, 256> kCrcTable = [] {
   return table;
 }();
 
-std::uint32_t Crc(std::string_view bytes) {
-  std::uint32_t c = 0xFFFFFFFFU;
-  for (const char byte : bytes) c = kCrcTable[(c ^ static_cast<unsigned char>(byte)) & 0xFFU] ^ (c >> 8);
-  return ~c;
+std::uint32_t UpdateCrc(std::uint32_t crc, std::span<const unsigned char> bytes) {
+  for (const unsigned char byte : bytes) crc = kCrcTable[(crc ^ byte) & 0xFFU] ^ (crc >> 8);
+  return crc;
 }
 
-std::uint32_t BigEndian(std::string_view bytes) {
-  std::uint32_t value = 0;
-  for (const char byte : bytes.substr(0, 4)) value = value << 8 | static_cast<unsigned char>(byte);
-  return value;
+std::uint32_t BigEndian(const unsigned char* bytes) {
+  return std::uint32_t{bytes[0]} << 24 | std::uint32_t{bytes[1]} << 16 | std::uint32_t{bytes[2]} << 8 | bytes[3];
 }
+
+/// Length and type of a chunk.
+using ChunkHead = std::array<unsigned char, 8>;
+
+bool ReadHead(std::FILE* png, ChunkHead& head) { return std::fread(head.data(), 1, head.size(), png) == head.size(); }
+
+std::string_view TypeOf(const ChunkHead& head) { return {reinterpret_cast<const char*>(head.data()) + 4, 4}; }
+
+bool MakesPixels(std::string_view type) { return type == "IHDR" || type == "PLTE" || type == "IDAT" || type == "IEND"; }
 
 }  // namespace
 
-std::string KeepPixelChunks(std::string& png) {
-  std::size_t kept = 8;  // the signature
-  for (std::size_t at = 8;;) {
-    const std::string_view rest = std::string_view(png).substr(at);
-    if (rest.size() < 12) return "truncated PNG: it ends before its last chunk";
-    const std::size_t length = BigEndian(rest);
-    if (length > rest.size() - 12) return "truncated PNG: it ends inside a chunk";
-    const std::string type(rest.substr(4, 4));
-    if (Crc(rest.substr(4, 4 + length)) != BigEndian(rest.substr(8 + length)))
-      return "corrupt PNG: wrong checksum of a chunk";
-    if (type == "IHDR" || type == "PLTE" || type == "IDAT" || type == "IEND") {
-      std::memmove(png.data() + kept, png.data() + at, length + 12);
-      kept += length + 12;
+std::string CheckPngChunks(std::FILE* png) {
+  constexpr char kCut[] = "truncated PNG: it ends inside a chunk";
+  std::vector<unsigned char> buffer(1 << 16);
+  if (std::fseek(png, 8, SEEK_SET) != 0) return kCut;
+  for (;;) {
+    ChunkHead head;
+    if (!ReadHead(png, head)) return "truncated PNG: it ends before its last chunk";
+    std::uint32_t crc = UpdateCrc(0xFFFFFFFFU, std::span(head).subspan(4));
+    for (std::size_t left = BigEndian(head.data()); left > 0;) {
+      const std::size_t part = std::min(left, buffer.size());
+      if (std::fread(buffer.data(), 1, part, png) != part) return kCut;
+      crc = UpdateCrc(crc, std::span(buffer).first(part));
+      left -= part;
     }
-    at += length + 12;
-    if (type == "IEND") break;
+    if (std::fread(buffer.data(), 1, 4, png) != 4) return kCut;
+    if (~crc != BigEndian(buffer.data())) return "corrupt PNG: wrong checksum of a chunk";
+    if (TypeOf(head) == "IEND") return {};
   }
-  png.resize(kept);
-  return {};
+}
+
+PixelChunkReader::PixelChunkReader(std::FILE* png) : png_(png) { std::rewind(png); }
+
+/// Moves to the next chunk that makes pixels.
+bool PixelChunkReader::NextChunk() {
+  for (ChunkHead head; !ended_ && ReadHead(png_, head);) {
+    const long length = static_cast<long>(BigEndian(head.data()));
+    if (MakesPixels(TypeOf(head))) {
+      ended_ = TypeOf(head) == "IEND";
+      pending_ = static_cast<std::size_t>(length) + 12;
+      return std::fseek(png_, -8, SEEK_CUR) == 0;
+    }
+    if (std::fseek(png_, length + 4, SEEK_CUR) != 0) return false;
+  }
+  return false;
+}
+
+bool PixelChunkReader::Read(unsigned char* target, std::size_t size) {
+  while (size > 0) {
+    if (pending_ == 0 && !NextChunk()) return false;
+    const std::size_t part = std::min(size, pending_);
+    if (std::fread(target, 1, part, png_) != part) return false;
+    target += part;
+    size -= part;
+    pending_ -= part;
+  }
+  return true;
 }
 
 }  // namespace rilievo::images

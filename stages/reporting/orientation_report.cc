@@ -3,14 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 
 #include "base/units.h"
+#include "block/coverage.h"
 
 namespace rilievo::reporting {
 namespace {
-
-constexpr int kCoverageCells = 8;
 
 /// Largest angle between any two rays of a point, in degrees.
 double LargestAngleDeg(const Model& model, const Point& point) {
@@ -24,28 +22,25 @@ double LargestAngleDeg(const Model& model, const Point& point) {
 }
 
 struct ImageSums {
+  explicit ImageSums(const Image& image) : cells(image.width_px, image.height_px) {}
   double xx = 0, yy = 0, largest = 0;
   std::size_t rays = 0;
-  std::set<int> cells;
+  CoverageGrid cells;
 };
 
-void AddRay(ImageSums& sums, const Observation& o, const Image& image) {
+void AddRay(ImageSums& sums, const Observation& o) {
   const Eigen::Vector2d& v = o.residual_px;
   sums.xx += v.x() * v.x();
   sums.yy += v.y() * v.y();
   sums.largest = std::max(sums.largest, v.norm());
   ++sums.rays;
-  const auto cell = [](double position_px, int size_px) {
-    return std::clamp(static_cast<int>(position_px * kCoverageCells / size_px), 0, kCoverageCells - 1);
-  };
-  sums.cells.insert(cell(o.measured_px.y(), image.height_px) * kCoverageCells +
-                    cell(o.measured_px.x(), image.width_px));
+  sums.cells.Add(o.measured_px);
 }
 
 ModelReport SummarizeModel(const Block& block, const Model& model) {
   ModelReport report;
   std::map<ImageId, ImageSums> sums;
-  for (const auto& [id, pose] : model.cam_from_world) sums[id];
+  for (const auto& [id, pose] : model.cam_from_world) sums.emplace(id, block.image(id));
   double angle_sum_deg = 0, square_sum = 0;
   report.min_angle_deg = model.points.empty() ? 0 : 180;
   for (const Point& point : model.points) {
@@ -56,7 +51,7 @@ ModelReport SummarizeModel(const Block& block, const Model& model) {
     report.rays += point.observations.size();
     if (point.observations.size() >= 2) ++report.multiplicity[std::min<std::size_t>(point.observations.size() - 2, 7)];
     for (const Observation& o : point.observations) {
-      AddRay(sums[o.feature.image], o, block.image(o.feature.image));
+      AddRay(sums.at(o.feature.image), o);
       square_sum += o.residual_px.squaredNorm();
       report.max_residual_px = std::max(report.max_residual_px, o.residual_px.norm());
     }
@@ -71,8 +66,7 @@ ModelReport SummarizeModel(const Block& block, const Model& model) {
   }
   for (const auto& [id, s] : sums) {
     const double n = static_cast<double>(std::max<std::size_t>(s.rays, 1));
-    report.images.push_back({id, s.rays, std::sqrt(s.xx / n), std::sqrt(s.yy / n), s.largest,
-                             static_cast<double>(s.cells.size()) / (kCoverageCells * kCoverageCells),
+    report.images.push_back({id, s.rays, std::sqrt(s.xx / n), std::sqrt(s.yy / n), s.largest, s.cells.Share(),
                              model.cam_from_world.at(id).Center()});
   }
   return report;

@@ -20,7 +20,8 @@ namespace {
   return line;
 }
 
-std::string ModelText(const ModelReport& m, std::size_t index, std::size_t count, const Block& block) {
+std::string ModelText(const ModelReport& m, std::size_t index, std::size_t count, const Block& block,
+                      const std::vector<ImageSummary>& images) {
   std::string text = count == 1 ? "Bundle block adjustment\n" : Format("Component %zu of %zu\n", index + 1, count);
   text += Format("  images %zu, object points %zu, rays %zu (mean multiplicity %.2f)\n", m.images.size(), m.points,
                  m.rays, m.mean_multiplicity);
@@ -32,11 +33,13 @@ std::string ModelText(const ModelReport& m, std::size_t index, std::size_t count
   for (std::size_t k = 0; k < m.multiplicity.size(); ++k)
     text += Format(" %zu%s: %zu", k + 2, k == 7 ? "+" : "", m.multiplicity[k]);
   text += "\n  datum: free; origin at the mean of the projection centres, their mean distance from it is 1\n\n";
-  text += "      rays   RMS x   RMS y     max  coverage  image\n";
-  for (const ImageReport& i : m.images)
-    text += Format("  %8zu  %6.3f  %6.3f  %6.2f    %5.1f %%  ", i.rays, i.rms_x_px, i.rms_y_px, i.max_residual_px,
-                   100 * i.coverage) +
+  text += "  features   cover      rays   cover   RMS x   RMS y     max  image\n";
+  for (const ImageReport& i : m.images) {
+    const ImageSummary& summary = images.at(i.image.value);
+    text += Format("  %8u %5.1f %%  %8zu %5.1f %%  %6.3f  %6.3f  %6.2f  ", summary.features, 100 * summary.coverage,
+                   i.rays, 100 * i.coverage, i.rms_x_px, i.rms_y_px, i.max_residual_px) +
             block.image(i.image).name + "\n";
+  }
   return text;
 }
 
@@ -94,10 +97,14 @@ std::string ToText(const Report& report, const Block& block, const OrientationRe
   text += Format("  features %zu, pairs verified %zu of %zu, matches %zu of which %zu in verified pairs\n\n",
                  report.features, report.pairs_verified, report.pairs, report.matches, report.inliers);
   for (std::size_t k = 0; k < report.models.size(); ++k)
-    text += ModelText(report.models[k], k, report.models.size(), block) + "\n";
+    text += ModelText(report.models[k], k, report.models.size(), block, result.images) + "\n";
   if (!result.unoriented.empty()) {
     text += "Not oriented\n";
-    for (const auto& u : result.unoriented) text += "  " + block.image(u.image).name + ": " + u.reason + "\n";
+    for (const auto& u : result.unoriented) {
+      const ImageSummary& summary = result.images.at(u.image.value);
+      text += "  " + block.image(u.image).name + ": " + u.reason +
+              Format(" (%u features, cover %.1f %%)\n", summary.features, 100 * summary.coverage);
+    }
     text += "\n";
   }
   if (!report.quarantined.empty()) {
@@ -138,7 +145,8 @@ nlohmann::json ToJson(const Report& report, const Block& block, const Orientatio
                                  {"camera", image.camera_id.value},
                                  {"width_px", image.width_px},
                                  {"height_px", image.height_px},
-                                 {"features", result.images.at(image.id.value).features}});
+                                 {"features", result.images.at(image.id.value).features},
+                                 {"feature_coverage", result.images.at(image.id.value).coverage}});
   for (const Camera& c : block.cameras) {
     nlohmann::json camera = io::CameraModelJson(c.model);
     camera["label"] = c.label;

@@ -52,6 +52,21 @@ TEST(ComputeKeys, ChangedContentInvalidatesJustItsOwn) {
   EXPECT_NE(before.orientation, after.orientation);
 }
 
+TEST(ComputeKeys, AMaskCountsByItsContentForItsImage) {
+  Block block = MakeBlock(5);
+  const OrientKeys without = ComputeKeys(block, {}, "base");
+  block.images[2].mask = MaskFile{"2.png", {}, 1000};
+  const OrientKeys with = ComputeKeys(block, {}, "base");
+  for (std::size_t i = 0; i < 5; ++i) EXPECT_EQ(without.features[i] == with.features[i], i != 2);
+  EXPECT_NE(without.orientation, with.orientation);
+  block.images[2].mask->name = "other/2.tif";
+  block.images[2].mask->load_peak_bytes = 7;
+  EXPECT_EQ(ComputeKeys(block, {}, "base").features, with.features);
+  block.images[2].mask->content.bytes[9] = 1;
+  EXPECT_NE(ComputeKeys(block, {}, "base").features[2], with.features[2]);
+  EXPECT_NE(ComputeKeys(block, {}, "base").features[2], without.features[2]);
+}
+
 TEST(ComputeKeys, AnImageAddedAtTheEndKeepsWhatIsDone) {
   const OrientKeys before = ComputeKeys(MakeBlock(6), {}, "base"), after = ComputeKeys(MakeBlock(8), {}, "base");
   for (const auto& key : before.features)

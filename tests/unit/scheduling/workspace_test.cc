@@ -5,6 +5,7 @@
 
 #include <cstdlib>
 #include <fstream>
+#include <nlohmann/json.hpp>
 
 #include "scheduling/orient_keys.h"
 
@@ -45,6 +46,9 @@ class WorkspaceTest : public testing::Test {
     image.height_px = 20;
     image.exif.orientation = 8;
     image.content.bytes[5] = 200;
+    image.decode_scratch_bytes = std::uint64_t{1} << 40;
+    image.mask = MaskFile{"Übersicht/a b.png", {}, 123};
+    image.mask->content.bytes[7] = 99;
     record.block.images.push_back(image);
     record.block.quarantined.push_back({"x.jpg", "empty"});
     return record;
@@ -63,10 +67,25 @@ TEST_F(WorkspaceTest, RecordComesBack) {
   EXPECT_EQ(read->block.images[0].name, record.block.images[0].name);
   EXPECT_EQ(read->block.images[0].exif.orientation, 8);
   EXPECT_EQ(read->block.cameras[0].source, CalibrationSource::kExif);
+  EXPECT_EQ(read->block.images[0].decode_scratch_bytes, std::uint64_t{1} << 40);
+  ASSERT_TRUE(read->block.images[0].mask);
+  EXPECT_EQ(read->block.images[0].mask->name, "Übersicht/a b.png");
+  EXPECT_EQ(read->block.images[0].mask->content.bytes[7], 99);
   EXPECT_EQ(read->block.quarantined[0].reason, "empty");
   // Every bit that results depend on is there: the keys are the same.
   EXPECT_EQ(ComputeKeys(read->block, read->options, read->processor_level).orientation,
             ComputeKeys(record.block, record.options, record.processor_level).orientation);
+}
+
+TEST_F(WorkspaceTest, RecordsOfBeforeMasksAreRead) {
+  Workspace::OpenOrCreate(dir_ / "w").WriteRecord(MakeRecord(dir_));
+  auto json = nlohmann::json::parse(std::ifstream(dir_ / "w/run.json"));
+  json["image_list"][0].erase("mask");
+  json["image_list"][0].erase("decode_scratch_bytes");
+  std::ofstream(dir_ / "w/run.json") << json;
+  const auto read = Workspace::Open(dir_ / "w").ReadRecord();
+  ASSERT_TRUE(read);
+  EXPECT_FALSE(read->block.images[0].mask);
 }
 
 TEST_F(WorkspaceTest, ImagesAreRelativeSoThatBothMayMoveTogether) {

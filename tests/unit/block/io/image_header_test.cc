@@ -219,6 +219,22 @@ TEST_F(ImageHeader, FilesTooShortForTheirSizeAreRefused) {
     }
 }
 
+// libjpeg keeps the coefficients of a progressive file: 2 bytes a sample, of which 4:2:0 has one and a half a pixel.
+TEST_F(ImageHeader, ScratchOfDecodingFollowsTheKindOfFile) {
+  const double pixels = 2000.0 * 1500;
+  const auto scratch = [&](const char* extension, int type, const std::vector<int>& options = {}) {
+    std::vector<unsigned char> bytes;
+    cv::imencode(extension, cv::Mat(1500, 2000, type, cv::Scalar::all(90)), bytes, options);
+    return static_cast<double>(Read(std::string("s") + extension, {bytes.begin(), bytes.end()}).decode_scratch_bytes);
+  };
+  EXPECT_LT(scratch(".jpg", CV_8UC3), 2e6);
+  EXPECT_NEAR(scratch(".jpg", CV_8UC3, {cv::IMWRITE_JPEG_PROGRESSIVE, 1}), 3 * pixels, 2e6);
+  EXPECT_NEAR(scratch(".jpg", CV_8UC1, {cv::IMWRITE_JPEG_PROGRESSIVE, 1}), 2 * pixels, 2e6);
+  EXPECT_LT(scratch(".png", CV_8UC3), 2e6);
+  EXPECT_LT(scratch(".png", CV_16UC4), 2e6);
+  EXPECT_LT(scratch(".tif", CV_8UC3), 3e6);
+}
+
 TEST(ImageHeaderOfRealData, ExifOfACamera) {
   if (DataFolder().empty()) GTEST_SKIP() << "RILIEVO_DATA is not set";
   const Image image = ReadImageHeader(DataFolder() / "cyprus10/images", "DSC_6466.JPG");

@@ -167,8 +167,10 @@ TEST_F(Decode, BytesAfterTheEndDoNotHarm) {
 }
 
 TEST_F(Decode, PeakIsAtLeastTheResult) {
-  EXPECT_GT(source_.LoadPeakBytes(4000, 3000, 3, 8), 4000ULL * 3000 * 10);
-  EXPECT_GT(source_.LoadPeakBytes(4000, 3000, 3, 16), 4000ULL * 3000 * (5 + 12));
+  Image image;
+  image.width_px = 4000, image.height_px = 3000, image.channels = 3;
+  EXPECT_GT(source_.LoadPeakBytes(image, true), 4000ULL * 3000 * 4);
+  EXPECT_GT(source_.LoadPeakBytes(image, false), 4000ULL * 3000);
 }
 
 }  // namespace

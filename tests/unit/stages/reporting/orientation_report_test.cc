@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <set>
+#include <tuple>
 
 namespace rilievo::reporting {
 namespace {
@@ -33,7 +34,7 @@ Example MakeExample() {
     image.name = "photo_" + std::string(1, static_cast<char>('a' + i)) + ".jpg";
     image.width_px = kWidth, image.height_px = kHeight;
     e.block.images.push_back(image);
-    e.result.images.push_back({100 * (i + 1), i == 4 ? "cannot be decoded" : ""});
+    e.result.images.push_back({100 * (i + 1), i == 4 ? "cannot be decoded" : "", i == 4 ? 0 : 0.25 * (i + 1)});
   }
   e.block.quarantined.push_back({"notes.jpg", "is no image"});
   e.result.unoriented.push_back({ImageId(3), "too few object points"});
@@ -188,7 +189,14 @@ TEST(OrientationReport, TextNamesEveryImageOnceAndEveryWarning) {
   const std::string text = ToText(Summarize(e.block, e.result), e.block, e.result, {"the focal length is a guess"});
   for (const Image& image : e.block.images) EXPECT_EQ(Occurrences(text, image.name), 1u) << image.name << "\n" << text;
   EXPECT_EQ(Occurrences(text, "notes.jpg: is no image"), 1u);
-  EXPECT_EQ(Occurrences(text, "photo_d.jpg: too few object points"), 1u);
+  EXPECT_EQ(Occurrences(text, "photo_d.jpg: too few object points (400 features, cover 100.0 %)"), 1u);
+  for (const auto& [name, features, cover] :
+       {std::tuple{"photo_a.jpg", " 100 ", " 25.0 %"}, {"photo_c.jpg", " 300 ", " 75.0 %"}}) {
+    const std::size_t end = text.find(name), begin = text.rfind('\n', end);
+    const std::string line = text.substr(begin, end - begin);
+    EXPECT_LT(line.find(features), line.find(cover)) << line;
+    EXPECT_NE(line.find(cover), std::string::npos) << line;
+  }
   EXPECT_THAT(text, testing::HasSubstr("WARNING: the focal length is a guess"));
   EXPECT_THAT(text, testing::HasSubstr("3 of 4 images"));
 }
@@ -204,7 +212,11 @@ TEST(OrientationReport, JsonPutsEveryImageInOnePlaceAndAgreesWithTheSummary) {
     for (const auto& entry : json[kind]) placed.insert(entry["name"].get<std::string>());
   for (const Image& image : e.block.images) expected.insert(image.name);
   EXPECT_EQ(placed, expected);
-  EXPECT_EQ(json["image_list"].size(), 5u);
+  ASSERT_EQ(json["image_list"].size(), 5u);
+  for (std::size_t i = 0; i < 5; ++i) {
+    EXPECT_EQ(json["image_list"][i]["features"], 100 * (i + 1));
+    EXPECT_EQ(json["image_list"][i]["feature_coverage"], e.result.images[i].coverage);
+  }
   EXPECT_EQ(json["pair_list"].size(), 3u);
   EXPECT_EQ(json["oriented"], 3);
   EXPECT_EQ(json["warnings"], nlohmann::json({"w"}));
