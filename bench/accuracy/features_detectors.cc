@@ -65,7 +65,15 @@ std::optional<std::size_t> DetectOursExtremaOnly(const GreyImage& image, const f
   return features::DetectSift({image}, sift, rule, kernels, context).size();
 }
 
-std::optional<SurfChoice> ChooseSurf128(const GreyImage&, std::size_t, RunContext&) { return std::nullopt; }
+std::optional<SurfChoice> ChooseSurf128(const GreyImage& image, std::size_t least_features, RunContext& context) {
+  SurfChoice choice{AllFeatures()};
+  choice.options.detector = "surf-128";
+  while (DetectOurs(image, choice.options, context).keypoints.size() < least_features) {
+    choice.options.hessian_threshold *= 0.8;
+    if (choice.options.hessian_threshold < 0.05) return std::nullopt;
+  }
+  return choice;
+}
 
 std::size_t PeerDetect(const GreyImage& image, const PeerOptions& options) {
   std::vector<cv::KeyPoint> keypoints;
