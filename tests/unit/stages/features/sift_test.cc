@@ -171,12 +171,12 @@ TEST(Sift, TilingsAndThreadsGiveTheSameBytes) {
       options.choice = choice;
       options.max_features = 700;
       SerialRunContext serial;
-      const ImageFeatures whole = Run({image, {}, {.strip_width_px = 1400, .chunks = 1}}, options, serial);
+      const ImageFeatures whole = features::Run({image, {}, {.strip_width_px = 1400, .chunks = 1}}, options, serial);
       ASSERT_GT(whole.keypoints.size(), 100U);
       // 2 to 30 px: a border of a strip crosses every feature somewhere.
       for (const int width_px : {2, 30, 128, 512}) {
         ManyThreads threads;
-        const ImageFeatures tiled = Run({image, {}, {.strip_width_px = width_px, .chunks = 5}}, options, threads);
+        const ImageFeatures tiled = features::Run({image, {}, {.strip_width_px = width_px, .chunks = 5}}, options, threads);
         EXPECT_TRUE(SameFeatures(tiled, whole)) << width_px << " px, first octave " << first_octave << ", " << choice;
       }
     }
@@ -411,7 +411,7 @@ TEST(Sift, MaskedPixelsHaveNoFeatures) {
   for (int y = 0; y < image.height_px; ++y)
     for (int x = 100; x < image.width_px; ++x) mask[static_cast<std::size_t>(y * image.width_px + x)] = 127;
   SerialRunContext context;
-  const ImageFeatures all = Detect(image), masked = Run({image, mask}, {}, context);
+  const ImageFeatures all = Detect(image), masked = features::Run({image, mask}, {}, context);
   std::size_t usable = 0;
   for (const Keypoint& k : all.keypoints) usable += k.x_px < 100 ? 1U : 0U;
   ASSERT_GT(usable, 50U);
