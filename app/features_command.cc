@@ -51,13 +51,13 @@ std::uint64_t Pixels(const Image& image) {
 /// How the image is cut so that its features fit the budget beside its mask.
 features::Tiling TilingOf(const FeaturesFlags& flags, const Image& image, std::uint64_t budget_bytes) {
   const std::uint64_t mask_bytes = image.mask ? Pixels(image) : 0;
-  return features::ChooseTiling(image.width_px, image.height_px, flags.options,
+  return features::ChooseTiling(image.width_px, image.height_px, image.bits_per_sample, flags.options,
                                 budget_bytes - std::min(budget_bytes, mask_bytes));
 }
 
 TaskCost CostOf(const FeaturesFlags& flags, const Image& image, const PixelSource& source,
                 const features::Tiling& tiling) {
-  TaskCost cost = features::Estimate(image.width_px, image.height_px, flags.options, tiling);
+  TaskCost cost = features::Estimate(image.width_px, image.height_px, image.bits_per_sample, flags.options, tiling);
   const auto features = static_cast<std::uint64_t>(flags.options.max_features);
   std::uint64_t beside = features * 2 * kCsvLineBytes;
   if (!flags.draw.empty())

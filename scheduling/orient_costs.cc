@@ -114,12 +114,13 @@ class SummaryBuilder {
 
 features::Tiling FeatureTiling(const OrientRun& run, const Image& image) {
   const std::uint64_t beside = 2 * Cap(run) * kFeatureBytes;
-  return features::ChooseTiling(image.width_px, image.height_px, run.options.features,
+  return features::ChooseTiling(image.width_px, image.height_px, image.bits_per_sample, run.options.features,
                                 run.budget_bytes - std::min(run.budget_bytes, beside));
 }
 
 TaskCost FeatureTaskCost(const OrientRun& run, const Image& image) {
-  TaskCost cost = features::Estimate(image.width_px, image.height_px, run.options.features, FeatureTiling(run, image));
+  TaskCost cost = features::Estimate(image.width_px, image.height_px, image.bits_per_sample, run.options.features,
+                                     FeatureTiling(run, image));
   const auto pixels = static_cast<std::uint64_t>(image.width_px) * static_cast<std::uint64_t>(image.height_px);
   cost.peak_bytes = std::max(cost.peak_bytes, run.pixels.LoadPeakBytes(image, true)) + 2 * Cap(run) * kFeatureBytes;
   if (image.mask) cost.peak_bytes = std::max(cost.peak_bytes + pixels, image.mask->load_peak_bytes);

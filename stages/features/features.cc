@@ -128,7 +128,7 @@ std::span<const OptionDeclaration<Options>> OptionDeclarations() {
 
 bool ComparesEqualSignsOnly(const Options& options) { return IsSurf(options); }
 
-TaskCost Estimate(int width_px, int height_px, const Options& options, const Tiling& tiling) {
+TaskCost Estimate(int width_px, int height_px, int bits_per_sample, const Options& options, const Tiling& tiling) {
   const int width = std::max(width_px, 0), height = std::max(height_px, 0);
   const auto pixels = static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
   const SelectionRule rule = RuleOf(std::max(1, width), std::max(1, height), options);
@@ -136,13 +136,15 @@ TaskCost Estimate(int width_px, int height_px, const Options& options, const Til
   const std::uint64_t held = IsSurf(options) ? SurfPeakBytes(width, tiling) + pixels / 25 * sizeof(Feature)
                                              : SiftBytesHeld(width, height, SiftOptionsOf(options), rule, tiling);
   const double work_s_per_px = IsSurf(options) || options.first_octave >= 0 ? 0.02e-6 : 0.06e-6;
-  return {.peak_bytes = (4 << 20) + 5 * pixels + held, .work = work_s_per_px * static_cast<double>(pixels)};
+  return {.peak_bytes = (4 << 20) + (bits_per_sample > 8 ? 5 : 4) * pixels + held,
+          .work = work_s_per_px * static_cast<double>(pixels)};
 }
 
-Tiling ChooseTiling(int width_px, int height_px, const Options& options, std::uint64_t budget_bytes) {
+Tiling ChooseTiling(int width_px, int height_px, int bits_per_sample, const Options& options,
+                    std::uint64_t budget_bytes) {
   constexpr std::array<Tiling, 5> kTilings = {{{512, 8}, {512, 4}, {512, 2}, {512, 1}, {128, 1}}};
   for (const Tiling& tiling : kTilings) {
-    if (Estimate(width_px, height_px, options, tiling).peak_bytes <= budget_bytes) return tiling;
+    if (Estimate(width_px, height_px, bits_per_sample, options, tiling).peak_bytes <= budget_bytes) return tiling;
   }
   return kTilings.back();
 }

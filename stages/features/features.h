@@ -34,10 +34,11 @@ inline constexpr int kVersion = 2;
 bool ComparesEqualSignsOnly(const Options& options);
 
 /// Upper bound of the memory Run holds for an image of this size (its own grey and colour pixels included).
-TaskCost Estimate(int width_px, int height_px, const Options& options, const Tiling& tiling);
+TaskCost Estimate(int width_px, int height_px, int bits_per_sample, const Options& options, const Tiling& tiling);
 
 /// The widest tiling whose estimate fits `budget_bytes`; the narrowest when none does.
-Tiling ChooseTiling(int width_px, int height_px, const Options& options, std::uint64_t budget_bytes);
+Tiling ChooseTiling(int width_px, int height_px, int bits_per_sample, const Options& options,
+                    std::uint64_t budget_bytes);
 
 /// Detects up to `max_features` keypoints, sorted by (y, x, scale, angle). Deterministic: the same bytes for every
 /// tiling, number of threads and processor level (RILIEVO_KERNELS forces one). Images without texture, or too small for

@@ -9,6 +9,9 @@ namespace rilievo::features {
 namespace {
 
 constexpr int kSteps = 5;
+/// An extremum this near to the sample, in samples, is located; a little more than half, so that none in the middle
+/// between two samples goes to and fro.
+constexpr double kReached = 0.6;
 /// Grey range in layer units: contrasts are shares of it.
 constexpr double kRange = 255.0 * kUnitsPerLevel;
 
@@ -68,7 +71,11 @@ std::optional<Extremum> Refine(const LayerViews& views, int scale, int row, int 
     const Quadratic q = Differentiate(views, scale, row, column);
     double x[3];
     if (!Solve(q, x)) return std::nullopt;
-    if (std::fabs(x[0]) < 0.5 && std::fabs(x[1]) < 0.5 && std::fabs(x[2]) < 0.5) {
+    // Between the last scale of one octave and the first of the next, neither may find the extremum within half a step
+    // (the response is not symmetric in scale): there a step is enough.
+    const bool leaves_octave = (scale == 1 && x[2] < 0) || (scale == kScales && x[2] > 0);
+    if (std::fabs(x[0]) < kReached && std::fabs(x[1]) < kReached &&
+        std::fabs(x[2]) < (leaves_octave ? 1.0 : kReached)) {
       const double value = q.value + 0.5 * (q.g[0] * x[0] + q.g[1] * x[1] + q.g[2] * x[2]);
       if (std::fabs(value) * kScales < thresholds.contrast * kRange) return std::nullopt;
       const double trace = q.h[0][0] + q.h[1][1], det = q.h[0][0] * q.h[1][1] - q.h[0][1] * q.h[0][1];

@@ -66,12 +66,12 @@ std::size_t FirstOfCellsToFront(const std::vector<Feature>& features, const Sele
   return static_cast<std::size_t>(others - order.begin());
 }
 
-std::vector<Feature> Keep(const std::vector<Feature>& features, std::vector<std::uint32_t> chosen) {
+/// The chosen ones in the order they have, in place.
+std::vector<Feature> Keep(std::vector<Feature> features, std::vector<std::uint32_t> chosen) {
   std::sort(chosen.begin(), chosen.end());
-  std::vector<Feature> kept;
-  kept.reserve(chosen.size());
-  for (const std::uint32_t i : chosen) kept.push_back(features[i]);
-  return kept;
+  for (std::size_t i = 0; i < chosen.size(); ++i) features[i] = features[chosen[i]];  // chosen[i] >= i
+  features.resize(chosen.size());
+  return features;
 }
 
 }  // namespace
@@ -82,7 +82,7 @@ std::vector<Feature> SelectFeatures(std::vector<Feature> features, const Selecti
   std::vector<std::uint32_t> order = ByStrength(features);
   if (rule.spread) FirstOfCellsToFront(features, rule, order);
   order.resize(rule.max_features);
-  return Keep(features, std::move(order));
+  return Keep(std::move(features), std::move(order));
 }
 
 std::vector<Feature> PruneFeatures(std::vector<Feature> features, const SelectionRule& rule) {
@@ -98,7 +98,7 @@ std::vector<Feature> PruneFeatures(std::vector<Feature> features, const Selectio
     std::set_union(order.begin(), order.end(), chosen.begin(), chosen.end(), std::back_inserter(both));
     chosen = std::move(both);
   }
-  return Keep(features, std::move(chosen));
+  return Keep(std::move(features), std::move(chosen));
 }
 
 std::size_t MostAfterPruning(const SelectionRule& rule) {
@@ -123,13 +123,13 @@ void FeatureCollector::Add(std::vector<Feature> features) {
 void FeatureCollector::PruneIfFull() {
   if (features_.size() < full_) return;
   features_ = PruneFeatures(std::move(features_), rule_);
-  full_ = std::max(kLeastFull, 2 * features_.size());
+  full_ = std::max(kLeastFull, features_.size() + features_.size() / 4);
   features_.reserve(full_);
 }
 
 std::size_t FeatureCollector::MostBytes(const SelectionRule& rule) {
-  const std::size_t most = 2 * MostAfterPruning(rule) + kLeastFull;
-  return most * (sizeof(Feature) + 2 * sizeof(std::uint32_t)) + MostAfterPruning(rule) * sizeof(Feature);
+  const std::size_t most = MostAfterPruning(rule) + MostAfterPruning(rule) / 4 + kLeastFull;
+  return most * (sizeof(Feature) + 2 * sizeof(std::uint32_t));
 }
 
 }  // namespace rilievo::features

@@ -28,7 +28,7 @@ std::vector<Feature> PruneFeatures(std::vector<Feature> features, const Selectio
 /// Upper bound of the features that PruneFeatures leaves.
 std::size_t MostAfterPruning(const SelectionRule& rule);
 
-/// Gathers features, never more than twice (and some thousand) what pruning leaves.
+/// Gathers features, never more than a quarter (and some thousand) above what pruning leaves.
 class FeatureCollector {
  public:
   explicit FeatureCollector(const SelectionRule& rule) : rule_(rule) {}

@@ -11,14 +11,15 @@ namespace {
 /// The last octave that can hold a feature.
 constexpr int kSmallestOctave_px = 2 * kBorder_px + 1;
 
-/// Layer units a grey value. 16-bit data use the bits that the brightest pixel has: 10-, 12- and 14-bit images in
-/// 16-bit files are seen at the contrast that they have among 8-bit ones.
+/// Layer units a grey value. A full 16-bit range fills that of the layers. 10-, 12- and 14-bit data in 16-bit files are
+/// raised by the bits that the brightest pixel leaves unused: contrasts are then those they would have among 8-bit
+/// images.
 float GainOf(const GreyImage& image) {
   if (!image.Is16Bit()) return kUnitsPerLevel;
   const std::uint16_t brightest = *std::max_element(image.u16.begin(), image.u16.end());
   int shift = 0;
   while (shift < 8 && (brightest << shift) < 32768) ++shift;
-  return 255.0F * kUnitsPerLevel / 65535.0F * static_cast<float>(1 << shift);
+  return static_cast<float>(1 << shift);
 }
 
 }  // namespace

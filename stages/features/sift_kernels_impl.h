@@ -282,13 +282,18 @@ Orientations Orient(const Patch& patch) {
                  static_cast<float>(kSampleStep_sigma) * patch.sigma_px, values);
   Gradients<L>(values, kSide, kSide, kOrientationSamples - kSide, magnitude, turns);
   constexpr int kBins = 36;
-  float histogram[kBins] = {}, smooth[kBins];
+  float histogram[kBins + 2] = {}, smooth[kBins];
   for (int k = kSide; k < kOrientationSamples - kSide; ++k) {
     const float weight = tables.orientation_weights[k];
     if (weight == 0) continue;
-    const int bin = static_cast<int>(turns[k] * kBins + 0.5F);
-    histogram[bin >= kBins ? bin - kBins : bin] += magnitude[k] * weight;
+    const float position = turns[k] * kBins, share = magnitude[k] * weight;
+    const int bin = static_cast<int>(position);
+    const float upper = share * (position - static_cast<float>(bin));
+    histogram[bin] += share - upper;  // two bins beyond the end: turns may be 1
+    histogram[bin + 1] += upper;
   }
+  histogram[0] += histogram[kBins];
+  histogram[1] += histogram[kBins + 1];
   SmoothHistogram(histogram, smooth, kBins);
   float peak = 0;
   for (const float h : smooth) peak = h > peak ? h : peak;
