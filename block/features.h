@@ -9,7 +9,7 @@
 namespace rilievo {
 
 /// Position in the pixel frame (first pixel's centre (0.5, 0.5)), scale = sigma of detection in px, angle in rad
-/// (0 = +x, towards +y), response = strength, by which features are chosen (SIFT: contrast over noise, |DoG| x scale;
+/// (0 = +x, towards +y), response = strength, by which features are chosen (SIFT: |DoG| contrast;
 /// SURF: det H), sign = +1 for a bright, -1 for a dark blob. Covariance of the position in px^2 for image noise of one
 /// grey level in 255, zero where it is not known.
 struct Keypoint {

@@ -207,11 +207,10 @@ def memory(bench):
     images = sorted((block / "images").glob("*.jpg"))
     if made.code != 0 or len(images) != 1:
         raise RuntimeError(f"simulate ended with {made.code}: {last_line(made.err)}")
-    done = run([bench.rilievo, "features", images[0], "--memory", "1GiB"], cwd=bench.scratch)
+    done = run([bench.rilievo, "features", images[0], "--memory", "1GiB", "--json"], cwd=bench.scratch)
     if done.code != 0:
         raise RuntimeError(f"rilievo features ended with {done.code}: {last_line(done.err)}")
-    counts = re.findall(r'([0-9]+) (?:features|keypoints)|"(?:features|keypoints)": *([0-9]+)', done.out + done.err)
-    count = max((int(a or b) for a, b in counts), default=0)
+    count = json.loads(done.out)["features"]
     if count < 1000:
         raise RuntimeError(f"rilievo features names {count} features")
     print(f"  {count} features, {done.cpu_s:.1f} CPU s, peak {done.peak_bytes / GIB:.3f} GiB; the image was made in {made.wall_s:.0f} s")

@@ -142,8 +142,10 @@ TaskCost Estimate(int width_px, int height_px, int bits_per_sample, const Option
 
 Tiling ChooseTiling(int width_px, int height_px, int bits_per_sample, const Options& options,
                     std::uint64_t budget_bytes) {
-  constexpr std::array<Tiling, 5> kTilings = {{{512, 8}, {512, 4}, {512, 2}, {512, 1}, {128, 1}}};
+  // SURF's halo is six times that of SIFT: wider strips waste less.
+  constexpr std::array<Tiling, 6> kTilings = {{{1024, 8}, {512, 8}, {512, 4}, {512, 2}, {512, 1}, {128, 1}}};
   for (const Tiling& tiling : kTilings) {
+    if (tiling.strip_width_px > 512 && !IsSurf(options)) continue;
     if (Estimate(width_px, height_px, bits_per_sample, options, tiling).peak_bytes <= budget_bytes) return tiling;
   }
   return kTilings.back();

@@ -20,7 +20,7 @@ struct Options {
   int first_octave = -1;
   int octaves = 4;
   double contrast_threshold = 0.015;
-  double edge_threshold = 10.0;
+  double edge_threshold = 6.0;
   bool root_sift = true;
   double hessian_threshold = 8.0;
 };

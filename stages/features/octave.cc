@@ -267,13 +267,11 @@ class StripRunner {
   Keypoint KeypointOf(const Extremum& e) const {
     const PositionCovariance covariance = CovarianceOf(e, Step(), input_.surplus_px2);
     const double scale_px = LayerSigma(e.scale + e.d_scale, input_.surplus_px2) * Step();
-    // White noise of the image leaves a difference of Gaussians with noise inversely proportional to their width.
-    const double contrast = std::fabs(e.value) / (255.0 * kUnitsPerLevel);
     return {.x_px = static_cast<float>(ImageX(e)),
             .y_px = static_cast<float>(ImageY(e)),
             .scale_px = static_cast<float>(scale_px),
             .angle_rad = 0,
-            .response = static_cast<float>(contrast * scale_px),
+            .response = static_cast<float>(std::fabs(e.value) / (255.0 * kUnitsPerLevel)),
             .cov_xx_px2 = static_cast<float>(covariance.xx),
             .cov_xy_px2 = static_cast<float>(covariance.xy),
             .cov_yy_px2 = static_cast<float>(covariance.yy),

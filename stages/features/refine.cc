@@ -75,7 +75,7 @@ std::optional<Extremum> Refine(const LayerViews& views, int scale, int row, int 
     // (the response is not symmetric in scale): there a step is enough.
     const bool leaves_octave = (scale == 1 && x[2] < 0) || (scale == kScales && x[2] > 0);
     if (std::fabs(x[0]) < kReached && std::fabs(x[1]) < kReached &&
-        std::fabs(x[2]) < (leaves_octave ? 1.0 : kReached)) {
+        std::fabs(x[2]) < (leaves_octave ? 0.8 : kReached)) {
       const double value = q.value + 0.5 * (q.g[0] * x[0] + q.g[1] * x[1] + q.g[2] * x[2]);
       if (std::fabs(value) * kScales < thresholds.contrast * kRange) return std::nullopt;
       const double trace = q.h[0][0] + q.h[1][1], det = q.h[0][0] * q.h[1][1] - q.h[0][1] * q.h[0][1];

@@ -148,7 +148,7 @@ class BadInput(ProgramTest):
 
     def test_memory_too_small(self):
         self.assert_one_line(self.orient(None, None, None, "--memory", "64MiB"), "--memory")
-        self.assert_one_line(self.orient(None, None, None, "--memory", "200MiB"), "--memory")
+        self.assert_one_line(self.orient(None, None, None, "--memory", "165MiB"), "--memory")
         self.assert_one_line(self.orient(None, None, None, "--memory", "lots"), "memory", code=2)
 
     def test_usage(self):

@@ -132,7 +132,7 @@ class Masks(ProgramTest):
 
     def test_memory_counts_the_mask(self):
         def peak(*options):
-            done = rilievo("plan", self.images, "--calibration", self.calibration, "--memory", "230MiB", *options)
+            done = rilievo("plan", self.images, "--calibration", self.calibration, "--memory", "168MiB", *options)
             self.assert_one_line(done, "--memory", "use")
             return int(done.stderr.split("use --memory ")[1].split("MiB")[0])
         free = peak("--max-features", "100")

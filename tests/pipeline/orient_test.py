@@ -127,9 +127,9 @@ class Orient(ProgramTest):
     def test_a_refused_run_changes_nothing(self):
         self.orient()
         before = self.report()
-        self.assert_one_line(self.orient(None, None, None, "--max-features", "20000", "--memory", "230MiB"), "--memory", "use")
+        self.assert_one_line(self.orient(None, None, None, "--max-features", "20000", "--memory", "168MiB"), "--memory", "use")
         self.assertEqual(before, self.report())
-        self.assert_one_line(self.orient(None, None, self.scratch / "fresh", "--memory", "230MiB"), "--memory")
+        self.assert_one_line(self.orient(None, None, self.scratch / "fresh", "--memory", "168MiB"), "--memory")
         self.assertFalse((self.scratch / "fresh").exists())
 
     def test_plan_says_what_it_would_do(self):
