@@ -127,7 +127,7 @@ class Orient(ProgramTest):
     def test_a_refused_run_changes_nothing(self):
         self.orient()
         before = self.report()
-        self.assert_one_line(self.orient(None, None, None, "--max-features", "20000", "--memory", "168MiB"), "--memory", "use")
+        self.assert_one_line(self.orient(None, None, None, "--max-features", "1000000", "--memory", "1GiB"), "--memory", "use")
         self.assertEqual(before, self.report())
         self.assert_one_line(self.orient(None, None, self.scratch / "fresh", "--memory", "168MiB"), "--memory")
         self.assertFalse((self.scratch / "fresh").exists())
