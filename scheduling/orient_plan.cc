@@ -2,11 +2,11 @@
 #include "scheduling/orient_plan.h"
 
 #include <algorithm>
-#include <cstring>
 #include <span>
 #include <utility>
 
 #include "base/cpu.h"
+#include "base/hash.h"
 #include "base/rng.h"
 #include "base/serialize.h"
 #include "block/coverage.h"
@@ -107,13 +107,13 @@ ImageFeatures LoadFeatures(const OrientRun& run, ImageId id, TaskContext& contex
 
 // ---- pairs ----------------------------------------------------------------------------------------------------------
 
-/// Seeds a pair by the content of its images, so that its result does not depend on how many others there are.
+/// Seeds a pair by the features of its images, so that its result depends neither on the other images nor on bytes of
+/// the files that are no pixels.
 class PairContext : public RunContext {
  public:
-  PairContext(RunContext& base, const Sha256Digest& first, const Sha256Digest& second) : base_(base) {
-    std::uint64_t a = 0, b = 0;
-    std::memcpy(&a, first.bytes.data(), sizeof a);
-    std::memcpy(&b, second.bytes.data(), sizeof b);
+  PairContext(RunContext& base, const ImageFeatures& first, const ImageFeatures& second) : base_(base) {
+    const std::uint64_t a = Checksum(std::as_bytes(std::span(first.keypoints)));
+    const std::uint64_t b = Checksum(std::as_bytes(std::span(second.keypoints)));
     seed_ = Mix64(base.Seed() ^ Mix64(a) ^ Mix64(Mix64(b)));
   }
   bool StopRequested() const override { return base_.StopRequested(); }
@@ -152,8 +152,7 @@ TwoViewGeometry MatchAndVerify(const OrientRun& run, const ImagePair& pair, cons
   const auto matches = features::ComparesEqualSignsOnly(run.options.features)
                            ? matching::RunBySign(first, second, run.options.matching, context)
                            : matching::Run(first.descriptors, second.descriptors, run.options.matching, context);
-  PairContext pair_context(context, run.keys.features[pair.first.value].digest,
-                           run.keys.features[pair.second.value].digest);
+  PairContext pair_context(context, first, second);
   const verification::Input input{{ImageId(0), ImageId(1)},
                                   run.block.camera_of(pair.first),
                                   run.block.camera_of(pair.second),
