@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <numbers>
 #include <numeric>
@@ -14,6 +13,7 @@
 
 #include "base/check.h"
 #include "base/error.h"
+#include "stages/features/kernel_choice.h"
 #include "stages/features/sift.h"
 #include "stages/images/decode.h"
 
@@ -60,8 +60,7 @@ std::optional<std::size_t> DetectOursExtremaOnly(const GreyImage& image, const f
                                    false};
   const features::SelectionRule rule{static_cast<std::size_t>(options.max_features), false, image.width_px,
                                      image.height_px};
-  const char* forced = std::getenv("RILIEVO_KERNELS");
-  const auto& kernels = features::ChooseSiftKernels(forced == nullptr ? "" : forced);
+  const auto& kernels = features::ChooseSiftKernels(features::ForcedKernels());
   return features::DetectSift({image}, sift, rule, kernels, context).size();
 }
 

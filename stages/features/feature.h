@@ -1,6 +1,7 @@
 // One detected and described feature, and what a detector is given beside the pixels.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -29,5 +30,17 @@ struct Input {
   std::span<const std::uint8_t> mask = {};
   Tiling tiling = {};
 };
+
+/// Index of the pixel that holds a position; one outside the image counts for the border.
+inline std::size_t PixelUnder(const GreyImage& image, double x_px, double y_px) {
+  const int column = std::clamp(static_cast<int>(x_px), 0, image.width_px - 1);
+  const int row = std::clamp(static_cast<int>(y_px), 0, image.height_px - 1);
+  return static_cast<std::size_t>(row) * static_cast<std::size_t>(image.width_px) + static_cast<std::size_t>(column);
+}
+
+/// Whether the mask lets a position be used.
+inline bool IsUsed(const Input& input, double x_px, double y_px) {
+  return input.mask.empty() || input.mask[PixelUnder(input.image, x_px, y_px)] >= 128;
+}
 
 }  // namespace rilievo::features

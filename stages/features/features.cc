@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdlib>
 #include <vector>
 
 #include "base/check.h"
+#include "stages/features/kernel_choice.h"
 #include "stages/features/selection.h"
 #include "stages/features/sift.h"
 #include "stages/features/surf.h"
@@ -16,10 +16,7 @@ namespace {
 
 /// The kernels of this processor or of RILIEVO_KERNELS, read once.
 const SiftKernels& ProcessKernels() {
-  static const SiftKernels& kernels = []() -> const SiftKernels& {
-    const char* forced = std::getenv("RILIEVO_KERNELS");
-    return ChooseSiftKernels(forced == nullptr ? "" : forced);
-  }();
+  static const SiftKernels& kernels = ChooseSiftKernels(ForcedKernels());
   return kernels;
 }
 
@@ -38,23 +35,17 @@ SurfOptions SurfOptionsOf(const Options& options) {
   return {options.hessian_threshold, options.detector == "surf-128" ? 128 : 64, options.detector == "u-surf-64"};
 }
 
-std::size_t PixelAt(const GreyImage& image, const Keypoint& keypoint) {
-  const int column = std::clamp(static_cast<int>(keypoint.x_px), 0, image.width_px - 1);
-  const int row = std::clamp(static_cast<int>(keypoint.y_px), 0, image.height_px - 1);
-  return static_cast<std::size_t>(row) * static_cast<std::size_t>(image.width_px) + static_cast<std::size_t>(column);
-}
-
 std::vector<Feature> Detect(const Input& input, const Options& options, const SelectionRule& rule,
                             RunContext& context) {
   if (!IsSurf(options)) return DetectSift(input, SiftOptionsOf(options), rule, ProcessKernels(), context);
   std::vector<Feature> features = DetectSurf(input, SurfOptionsOf(options), input.tiling, context);
   if (!input.mask.empty())
-    std::erase_if(features, [&](const Feature& f) { return input.mask[PixelAt(input.image, f.keypoint)] < 128; });
+    std::erase_if(features, [&](const Feature& f) { return !IsUsed(input, f.keypoint.x_px, f.keypoint.y_px); });
   return features;
 }
 
 Rgb ColorAt(const GreyImage& image, const Keypoint& keypoint) {
-  const std::size_t pixel = PixelAt(image, keypoint);
+  const std::size_t pixel = PixelUnder(image, keypoint.x_px, keypoint.y_px);
   if (!image.rgb.empty()) return {image.rgb[3 * pixel], image.rgb[3 * pixel + 1], image.rgb[3 * pixel + 2]};
   const auto grey = static_cast<std::uint8_t>(image.Is16Bit() ? image.u16[pixel] >> 8 : image.u8[pixel]);
   return {grey, grey, grey};

@@ -157,7 +157,7 @@ class StripRunner {
     const int begin = -half - kUpsampleRadius_px, count = width_ / 2 + 1 + 2 * (half + kUpsampleRadius_px);
     const int first = y == -kMargin_px ? middle - kUpsampleRadius_px : middle + kUpsampleRadius_px;
     for (int m = first; m < middle + kBlockRows / 2 + kUpsampleRadius_px; ++m)
-      CopySourceRow(*input_.image, m, x0 + begin, count, SourceRow(m) + begin);
+      CopySourceRow(input_.source.image, m, x0 + begin, count, SourceRow(m) + begin);
     for (int m = middle; m < middle + kBlockRows / 2; ++m) {
       UpsampleBlock block;
       for (int t = 0; t <= kUpsampleTaps; ++t) block.in[t] = SourceRow(m + t - kUpsampleRadius_px);
@@ -180,7 +180,7 @@ class StripRunner {
     const int count = width_ + 2 * (kMargin_px + kR);
     w_.source.resize(static_cast<std::size_t>(count));
     for (int r = y == -kMargin_px ? y - kR : y + kR; r < y + kBlockRows + kR; ++r) {
-      CopySourceRow(*input_.image, r, x0_ - kMargin_px - kR, count, w_.source.data());
+      CopySourceRow(input_.source.image, r, x0_ - kMargin_px - kR, count, w_.source.data());
       std::uint16_t* out = w_.unblurred->Row(r) - kMargin_px;
       for (int i = 0; i < count; ++i)
         out[i] = static_cast<std::uint16_t>(std::nearbyint(w_.source[static_cast<std::size_t>(i)] * input_.gain));
@@ -247,22 +247,14 @@ class StripRunner {
       const Candidate& c = w_.candidates[i];
       const int row = y + c.row;
       if (row < kBorder_px || row >= last) continue;
-      if (const auto extremum = Refine(views_, c.scale, row, c.column, thresholds_); extremum && IsUsable(*extremum))
-        pending_.push_back({*extremum, row});
+      const auto extremum = Refine(views_, c.scale, row, c.column, thresholds_);
+      if (extremum && IsUsed(input_.source, ImageX(*extremum), ImageY(*extremum))) pending_.push_back({*extremum, row});
     }
   }
 
   double ImageX(const Extremum& e) const { return (x0_ + e.column + e.d_column + 0.5) * Step(); }
   double ImageY(const Extremum& e) const { return (e.row + e.d_row + 0.5) * Step(); }
   double Step() const { return std::ldexp(1.0, input_.index); }
-
-  bool IsUsable(const Extremum& e) const {
-    if (input_.mask.empty()) return true;
-    const int x = std::clamp(static_cast<int>(ImageX(e)), 0, input_.image_width_px - 1);
-    const int y = std::clamp(static_cast<int>(ImageY(e)), 0, input_.image_height_px - 1);
-    return input_.mask[static_cast<std::size_t>(y) * static_cast<std::size_t>(input_.image_width_px) +
-                       static_cast<std::size_t>(x)] >= 128;
-  }
 
   Keypoint KeypointOf(const Extremum& e) const {
     const PositionCovariance covariance = CovarianceOf(e, Step(), input_.surplus_px2);
@@ -328,8 +320,8 @@ class StripRunner {
 }  // namespace
 
 OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, bool describe,
-                       const SelectionRule& rule, const Tiling& tiling, const SiftKernels& kernels,
-                       RunContext& context) {
+                       const SelectionRule& rule, const SiftKernels& kernels, RunContext& context) {
+  const Tiling& tiling = input.source.tiling;
   const int strip_width = std::min((tiling.strip_width_px + 1) & ~1, (input.width_px + 1) & ~1);
   RILIEVO_CHECK(strip_width > 0 && tiling.chunks > 0);
   const auto strips = static_cast<std::size_t>((input.width_px + strip_width - 1) / strip_width);

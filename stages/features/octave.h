@@ -27,13 +27,11 @@ struct SiftThresholds {
 /// What an octave is computed from. `index` is -1 for the doubled image; pixels of it are 2^index image pixels wide and
 /// its grid is nested in the image's (both begin at the same corner).
 struct OctaveInput {
+  const Input& source;  ///< image, mask, tiling
   int index = 0, width_px = 0, height_px = 0;
-  double surplus_px2 = 0;            ///< of the blur's variance over the nominal one, in pixels of the octave squared
-  const GreyImage* image = nullptr;  ///< for the first octave
-  float gain = 256;                  ///< layer units a grey value of the image
-  const Plane* base = nullptr;       ///< for the others: layer 0
-  std::span<const std::uint8_t> mask;
-  int image_width_px = 0, image_height_px = 0;
+  double surplus_px2 = 0;       ///< of the blur's variance over the nominal one, in pixels of the octave squared
+  const Plane* base = nullptr;  ///< layer 0; none for the first octave, which is computed from the image
+  float gain = 256;             ///< layer units a grey value of the image
 };
 
 struct OctaveOutput {
@@ -44,8 +42,7 @@ struct OctaveOutput {
 /// Every value is a function of its pixel's coordinates alone: the result does not depend on the tiling, and neither on
 /// the kernels. `describe` false: keypoints only, without orientation.
 OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, bool describe,
-                       const SelectionRule& rule, const Tiling& tiling, const SiftKernels& kernels,
-                       RunContext& context);
+                       const SelectionRule& rule, const SiftKernels& kernels, RunContext& context);
 
 /// Bytes of the workspaces of one octave at once.
 std::size_t OctaveWorkspaceBytes(int width_px, const Tiling& tiling);

@@ -29,22 +29,17 @@ std::vector<Feature> DetectSift(const Input& input, const SiftOptions& options, 
   const GreyImage& image = input.image;
   FeatureCollector features(rule);
   if (image.width_px < 1 || image.height_px < 1) return {};
-  OctaveInput octave;
+  OctaveInput octave{.source = input};
   octave.index = options.first_octave;
   octave.width_px = options.first_octave < 0 ? 2 * image.width_px : image.width_px;
   octave.height_px = options.first_octave < 0 ? 2 * image.height_px : image.height_px;
-  octave.image = &image;
   octave.gain = GainOf(image);
-  octave.mask = input.mask;
-  octave.image_width_px = image.width_px;
-  octave.image_height_px = image.height_px;
   Plane base;
   const int end = options.first_octave + options.octaves;
   while (octave.index < end && std::min(octave.width_px, octave.height_px) >= kSmallestOctave_px) {
-    OctaveOutput output = RunOctave(octave, options.thresholds, options.describe, rule, input.tiling, kernels, context);
+    OctaveOutput output = RunOctave(octave, options.thresholds, options.describe, rule, kernels, context);
     features.Add(std::move(output.features));
     base = std::move(output.next);
-    octave.image = nullptr;
     octave.base = &base;
     octave.width_px = base.width_px;
     octave.height_px = base.height_px;

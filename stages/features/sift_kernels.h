@@ -91,10 +91,11 @@ struct SiftKernels {
   Orientations (*orient)(const Patch&) = nullptr;
   /// 128 floats, not normalised: [cell row][cell column][orientation].
   void (*describe)(const Patch&, float cosine, float sine, float* histogram) = nullptr;
+  bool is_supported = true;  ///< by this processor
 };
 
 /// scalar, avx2, avx512, whether this processor has them or not.
-std::span<const SiftKernels* const> AllSiftKernels();
+std::span<const SiftKernels> AllSiftKernels();
 /// The kernels of that name, or the widest supported ones when it is empty. Throws Error(kUsage) as ChooseKernel does.
 const SiftKernels& ChooseSiftKernels(std::string_view name);
 

@@ -1,11 +1,7 @@
-// The constant tables of SIFT's kernels, and the choice of the kernels.
-#include <array>
+// The constant tables of SIFT's kernels.
 #include <cmath>
 #include <memory>
-#include <string>
 
-#include "base/cpu.h"
-#include "base/error.h"
 #include "stages/features/fixed_math.h"
 #include "stages/features/sift_kernels.h"
 
@@ -86,13 +82,6 @@ std::unique_ptr<SiftTables> MakeTables() {
   return tables;
 }
 
-bool IsSupported(std::string_view name) {
-  const std::string_view level = ProcessorLevel();
-  if (name == "avx512")
-    return level == "avx512" && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
-  return name == "scalar" || level != "base";
-}
-
 }  // namespace
 
 double LayerSigma(double layer, double surplus_px2) {
@@ -102,25 +91,6 @@ double LayerSigma(double layer, double surplus_px2) {
 const SiftTables& Tables() {
   static const std::unique_ptr<const SiftTables> tables = MakeTables();
   return *tables;
-}
-
-std::span<const SiftKernels* const> AllSiftKernels() {
-  static constexpr std::array<const SiftKernels*, 3> kernels = {&kSiftScalar, &kSiftAvx2, &kSiftAvx512};
-  return kernels;
-}
-
-const SiftKernels& ChooseSiftKernels(std::string_view name) {
-  const auto kernels = AllSiftKernels();
-  for (std::size_t i = kernels.size(); i-- > 0;) {
-    const SiftKernels& candidate = *kernels[i];
-    if (name.empty() ? IsSupported(candidate.name) : candidate.name == name) {
-      if (IsSupported(candidate.name)) return candidate;
-      throw Error(ErrorCode::kUsage, "RILIEVO_KERNELS", "this processor has no " + std::string(name),
-                  "unset it or use scalar");
-    }
-  }
-  throw Error(ErrorCode::kUsage, "RILIEVO_KERNELS", "'" + std::string(name) + "' is not a kernel",
-              "use scalar, avx2 or avx512, or unset it");
 }
 
 }  // namespace rilievo::features

@@ -1,18 +1,11 @@
 // Sample grids and Gaussian weights of SURF's orientation and descriptor.
+#include "stages/features/fixed_math.h"
 #include "stages/features/surf_kernels.h"
 
 namespace rilievo::features::surf {
 namespace {
 
-/// e^-x for 0 <= x <= 64 without a library: Taylor of e^(-x / 1024), ten squarings; relative error below 1e-12.
-double ExpOfMinus(double x) {
-  const double r = -x / 1024;
-  double value = 1 + r * (1 + r / 2 * (1 + r / 3 * (1 + r / 4 * (1 + r / 5 * (1 + r / 6)))));
-  for (int i = 0; i < 10; ++i) value *= value;
-  return value;
-}
-
-double Gauss(double u, double v, double sigma) { return ExpOfMinus((u * u + v * v) / (2 * sigma * sigma)); }
+double Gauss(double u, double v, double sigma) { return Exp(-(u * u + v * v) / (2 * sigma * sigma)); }
 
 Tables Build() {
   Tables tables;
