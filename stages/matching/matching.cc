@@ -65,9 +65,9 @@ std::span<const OptionDeclaration<Options>> OptionDeclarations() {
 
 TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&) {
   const std::size_t fewer = features_a < features_b ? features_a : features_b;
-  return {
-      .peak_bytes = (1 << 16) + TwoNearestBytes(features_a, features_b) + 4 * features_b + 3 * sizeof(Match) * fewer,
-      .work = 1.5e-9 * static_cast<double>(features_a) * static_cast<double>(features_b)};
+  return {.peak_bytes = (1 << 16) + TwoNearestBytes(features_a, features_b) + PackedBytes(features_a) +
+                        PackedBytes(features_b) + 4 * features_b + 3 * sizeof(Match) * fewer,
+          .work = 1.5e-9 * static_cast<double>(features_a) * static_cast<double>(features_b)};
 }
 
 std::vector<Match> Run(std::span<const Descriptor> a, std::span<const Descriptor> b, const Options& options,
