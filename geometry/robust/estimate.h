@@ -15,6 +15,7 @@
 
 #include "base/rng.h"
 #include "base/run_context.h"
+#include "geometry/kernels/two_view_kernels.h"
 #include "geometry/robust/sampling.h"
 #include "geometry/solvers/model_list.h"
 
@@ -49,53 +50,85 @@ struct RobustEstimate {
 ///   Solve(sample) -> ModelList     the (possibly no) models of that many items
 ///   SquaredResidual(model, i)      r^2 of item i (non-negative; NaN counts as outlier)
 ///   Refine(items, start) -> optional<Model>   best model of many items (at least kSampleSize), starting from `start`
+/// In the place of Solve a problem may have kBatch and
+///   SolveBatch(kBatch samples)     the models of all, in the order of the samples: size() and operator[]
 /// A problem that also has
 ///   BlockResiduals(model, begin) -> array<float, kRobustBlock>   r^2 of items begin .. begin + kRobustBlock - 1
-/// (begin a multiple of kRobustBlock, values past Size() ignored) is scored by that, in its own item order, which must
+///   Truncate(squared, count, limit) -> BlockScore                score of the first `count` of these
+/// (begin a multiple of kRobustBlock, values past Size() ignored) is scored by them, in its own item order, which must
 /// then be random (ShuffledOrder): early rejection takes the first items for a fair sample of all.
 template <class P>
-concept RobustProblem = requires(const P& p, const typename P::Model& model, std::size_t i,
-                                 std::array<std::uint32_t, static_cast<std::size_t>(P::kSampleSize)> sample,
-                                 std::span<const std::uint32_t> items) {
-  { p.Size() } -> std::convertible_to<std::size_t>;
+concept SolvesBatches = requires(const P& p, std::size_t i) {
+  {
+    p.SolveBatch(std::array<std::array<std::uint32_t, static_cast<std::size_t>(P::kSampleSize)>,
+                            static_cast<std::size_t>(P::kBatch)>{})
+        .size()
+    } -> std::convertible_to<int>;
+};
+template <class P>
+concept SolvesSamples = requires(const P& p,
+                                 std::array<std::uint32_t, static_cast<std::size_t>(P::kSampleSize)> sample) {
   { p.Solve(sample).size() } -> std::convertible_to<int>;
+};
+template <class P>
+concept RobustProblem = (SolvesBatches<P> || SolvesSamples<P>)&&requires(const P& p, const typename P::Model& model,
+                                                                         std::size_t i,
+                                                                         std::span<const std::uint32_t> items) {
+  { p.Size() } -> std::convertible_to<std::size_t>;
   { p.SquaredResidual(model, i) } -> std::convertible_to<double>;
   { p.Refine(items, model) } -> std::same_as<std::optional<typename P::Model>>;
 };
 
-inline constexpr std::size_t kRobustBlock = 64;
+inline constexpr std::size_t kRobustBlock = kPairBlock;
 
 namespace robust_internal {
 
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// Sum of the first `count` values in a fixed order: eight lanes, then the lanes in turn.
-inline double FixedOrderSum(const std::array<float, kRobustBlock>& values) {
-  std::array<float, 8> lanes{};
-  for (std::size_t i = 0; i < kRobustBlock; i += 8) {
-    for (std::size_t lane = 0; lane < 8; ++lane) lanes[lane] += values[i + lane];
+/// Wald's sequential test of whether a model can be a good one (Matas & Chum, ICCV 2005): of a good model's items a
+/// share of at least `good` agrees, of a wrong one's about `bad`. Rejects a good model once in kOdds at most, whatever
+/// the true share of the wrong ones.
+class SequentialTest {
+ public:
+  explicit SequentialTest(double good) {
+    constexpr double kChance = 0.05;
+    const double bad = std::min(kChance, 0.25 * good);
+    per_outlier_ = std::log((1 - bad) / (1 - std::min(good, 0.99)));
+    per_inlier_ = std::log(good / bad);
   }
-  double sum = 0;
-  for (const float lane : lanes) sum += lane;
-  return sum;
-}
+  bool Rejects(double items, double inliers) const {
+    constexpr double kOdds = 1000;
+    static const double limit = std::log(kOdds);
+    return (items - inliers) * per_outlier_ - inliers * per_inlier_ > limit;
+  }
 
-/// Scores models of one problem and remembers nothing but the order of items.
+ private:
+  double per_outlier_ = 0, per_inlier_ = 0;
+};
+
+/// Scores models of one problem and remembers the order of items and how many inliers make a model interesting.
 template <RobustProblem P>
 class Scorer {
  public:
   using Model = typename P::Model;
   Scorer(const P& problem, const RobustOptions& options, std::uint64_t seed)
-      : problem_(problem), options_(options), n_(problem.Size()) {
+      : problem_(problem), options_(options), n_(problem.Size()), test_(LeastShare()) {
     if constexpr (!kHasBlocks) order_ = ShuffledOrder(n_, seed);
     if (options_.estimator == RobustEstimator::kLmeds) residuals_.resize(n_ + kRobustBlock);
   }
 
-  /// Cost of a model, or infinity as soon as it is known (or, when `hasty`, likely beyond three standard deviations)
-  /// not to be below `bound`.
+  /// Cost of a model, or infinity as soon as it is known (or, when `hasty`, likely by the sequential test) not to be
+  /// below `bound`.
   double Cost(const Model& model, double bound, bool hasty) {
     return options_.estimator == RobustEstimator::kLmeds ? MedianCost(model, bound)
                                                          : TruncatedCost(model, bound, hasty);
+  }
+
+  /// From now on a model is interesting when it has nearly as many inliers.
+  void Expect(std::size_t inliers) {
+    constexpr double kNearly = 0.7;  // of a refined model's inliers, what the sample of a good one has at first
+    const double share = kNearly * static_cast<double>(inliers) / static_cast<double>(n_);
+    if (share > LeastShare()) test_ = SequentialTest(share);
   }
 
   double Sigma0(double median) const {
@@ -115,11 +148,34 @@ class Scorer {
     }
     return inliers;
   }
+  /// The same in the precision of scoring.
+  std::vector<std::uint32_t> ScoredInliers(const Model& model, double threshold) const {
+    if constexpr (!kHasBlocks) {
+      return Inliers(model, threshold);
+    } else {
+      const float limit = static_cast<float>(threshold * threshold);
+      std::vector<std::uint32_t> inliers(n_ + 1);
+      std::size_t count = 0;
+      for (std::size_t begin = 0; begin < n_; begin += kRobustBlock) {
+        const std::array<float, kRobustBlock> squared = problem_.BlockResiduals(model, begin);
+        const std::size_t end = std::min(kRobustBlock, n_ - begin);
+        for (std::size_t i = 0; i < end; ++i) {
+          inliers[count] = static_cast<std::uint32_t>(begin + i);
+          count += squared[i] <= limit ? 1 : 0;
+        }
+      }
+      inliers.resize(count);
+      return inliers;
+    }
+  }
 
  private:
   static constexpr bool kHasBlocks = requires(const P& p, const Model& m) {
     { p.BlockResiduals(m, std::size_t{}) } -> std::same_as<std::array<float, kRobustBlock>>;
   };
+
+  /// Below this share of inliers not even one good sample is to be expected in all trials.
+  double LeastShare() const { return std::pow(1.0 / std::max(2, options_.max_trials), 1.0 / P::kSampleSize); }
 
   std::array<float, kRobustBlock> Block(const Model& model, std::size_t begin) const {
     if constexpr (kHasBlocks) {
@@ -134,26 +190,33 @@ class Scorer {
     }
   }
 
-  /// RANSAC: number of outliers. MAPSAC (Torr 2002): sum of min(r^2 / T^2, 1). Each item costs at most 1, so the
-  /// standard deviation of the sum over k items of a random order is at most sqrt(k) / 2.
+  BlockScore Score(const std::array<float, kRobustBlock>& squared, int count, float limit) const {
+    if constexpr (kHasBlocks) {
+      return problem_.Truncate(squared, count, limit);
+    } else {
+      BlockScore score;
+      for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
+        const float share = squared[i] / limit;
+        score.cost += share < 1 ? share : 1.0F;
+        score.inliers += share < 1 ? 1 : 0;
+      }
+      return score;
+    }
+  }
+
+  /// RANSAC: number of outliers. MAPSAC (Torr 2002): sum of min(r^2 / T^2, 1).
   double TruncatedCost(const Model& model, double bound, bool hasty) const {
     const float limit = static_cast<float>(options_.threshold * options_.threshold);
-    const float scale = 1 / limit;
     const bool count_only = options_.estimator == RobustEstimator::kRansac;
     double cost = 0;
+    std::size_t inliers = 0;
     for (std::size_t begin = 0; begin < n_; begin += kRobustBlock) {
-      std::array<float, kRobustBlock> costs = Block(model, begin);
-      if (count_only) {
-        for (float& value : costs) value = value <= limit ? 0.0F : 1.0F;
-      } else {
-        for (float& value : costs) value = value <= limit ? value * scale : 1.0F;
-      }
       const std::size_t done = std::min(begin + kRobustBlock, n_);
-      for (std::size_t i = done - begin; i < kRobustBlock; ++i) costs[i] = 0;
-      cost += FixedOrderSum(costs);
+      const BlockScore score = Score(Block(model, begin), static_cast<int>(done - begin), limit);
+      inliers += static_cast<std::size_t>(score.inliers);
+      cost = count_only ? static_cast<double>(done - inliers) : cost + static_cast<double>(score.cost);
       if (cost >= bound) return kInfinity;
-      const double k = static_cast<double>(done), n = static_cast<double>(n_);
-      if (hasty && bound < n && cost > bound * k / n + 1.5 * std::sqrt(k)) return kInfinity;
+      if (hasty && test_.Rejects(static_cast<double>(done), static_cast<double>(inliers))) return kInfinity;
     }
     return cost;
   }
@@ -180,15 +243,35 @@ class Scorer {
   const P& problem_;
   const RobustOptions& options_;
   const std::size_t n_;
+  SequentialTest test_;
   std::vector<std::uint32_t> order_;
   std::vector<float> residuals_;
 };
+
+/// Samples that are drawn before their models are scored, and the models.
+template <class P>
+inline constexpr int kBatchOf = [] {
+  if constexpr (SolvesBatches<P>) return P::kBatch;
+  return 1;
+}();
+
+template <RobustProblem P>
+auto DrawModels(const P& problem, std::uint32_t n, Rng& rng) {
+  if constexpr (SolvesBatches<P>) {
+    std::array<std::array<std::uint32_t, static_cast<std::size_t>(P::kSampleSize)>, static_cast<std::size_t>(P::kBatch)>
+        samples;
+    for (auto& sample : samples) sample = DrawSample<P::kSampleSize>(n, rng);
+    return problem.SolveBatch(samples);
+  } else {
+    return problem.Solve(DrawSample<P::kSampleSize>(n, rng));
+  }
+}
 
 /// Refits on the inliers and keeps the result while the cost falls.
 template <RobustProblem P>
 void Polish(const P& problem, Scorer<P>& scorer, int rounds, typename P::Model& model, double& cost) {
   for (int round = 0; round < rounds; ++round) {
-    const auto inliers = scorer.Inliers(model, scorer.Threshold(cost));
+    const auto inliers = scorer.ScoredInliers(model, scorer.Threshold(cost));
     if (inliers.size() <= static_cast<std::size_t>(P::kSampleSize)) return;
     const auto refined = problem.Refine(inliers, model);
     if (!refined) return;
@@ -224,8 +307,8 @@ void RefitOnce(const P& problem, const Scorer<P>& scorer, RobustEstimate<typenam
 ///   half
 ///           of the items are wrong
 /// Each new best is refined on its inliers at once (locally optimised RANSAC, Chum, Matas & Kittler 2003). Trials adapt
-/// to the inliers found; LMedS, whose inliers mean nothing before the end, draws what half outliers need. The result
-/// depends on problem, options and seed only.
+/// to the inliers found, rounded up to whole batches; LMedS, whose inliers mean nothing before the end, draws what half
+/// outliers need. The result depends on problem, options and seed only.
 template <RobustProblem P>
 std::optional<RobustEstimate<typename P::Model>> EstimateRobustly(const P& problem, const RobustOptions& options,
                                                                   std::uint64_t seed) {
@@ -242,10 +325,13 @@ std::optional<RobustEstimate<typename P::Model>> EstimateRobustly(const P& probl
   int required =
       lmeds ? RequiredTrials(n - n / 2, n, P::kSampleSize, options.confidence, options.max_trials) : options.max_trials;
   int trial = 0;
-  for (; trial < std::max(required, std::min(options.min_trials, options.max_trials)); ++trial) {
-    if (options.context != nullptr && trial % kPollInterval == 0) options.context->ThrowIfStopped();
+  for (int batch = 0; trial < std::max(required, std::min(options.min_trials, options.max_trials)); ++batch) {
+    if (options.context != nullptr && batch % kPollInterval == 0) options.context->ThrowIfStopped();
+    const auto models = robust_internal::DrawModels(problem, static_cast<std::uint32_t>(n), rng);
+    trial += robust_internal::kBatchOf<P>;
     bool improved = false;
-    for (const Model& model : problem.Solve(DrawSample<P::kSampleSize>(static_cast<std::uint32_t>(n), rng))) {
+    for (int i = 0; i < models.size(); ++i) {
+      const Model& model = models[i];
       const double cost = scorer.Cost(model, best_cost, true);
       if (!(cost < best_cost)) continue;
       best = model;
@@ -255,8 +341,9 @@ std::optional<RobustEstimate<typename P::Model>> EstimateRobustly(const P& probl
     if (!improved) continue;
     robust_internal::Polish(problem, scorer, kLocalRounds, best, best_cost);
     if (lmeds) continue;
-    const std::size_t inliers = scorer.Inliers(best, options.threshold).size();
+    const std::size_t inliers = scorer.ScoredInliers(best, options.threshold).size();
     required = RequiredTrials(inliers, n, P::kSampleSize, options.confidence, options.max_trials);
+    scorer.Expect(inliers);
   }
   if (!(best_cost < robust_internal::kInfinity)) return std::nullopt;
   robust_internal::Polish(problem, scorer, kFinalRounds, best, best_cost);

@@ -106,8 +106,7 @@ std::optional<Epipolar> EstimateEssential(const PointPairs& pairs, const RobustO
   Epipolar result{estimate->model, {}, SampsonThreshold(loop, estimate->threshold)};
   if (result.threshold_px > kBreakdown * loop.threshold) return std::nullopt;
   // The closing adjustment, on the inliers, to convergence.
-  const PointPairs inliers = pairs.Subset(estimate->inliers);
-  if (const auto refined = RefineEssential(inliers.First(), inliers.Second(), pairs.Variances(), estimate->model)) {
+  if (const auto refined = RefineEssential(pairs.Arrays(estimate->inliers), pairs.Variances(), estimate->model)) {
     result.matrix = *refined;
   }
   result.inliers = SampsonInliers(pairs, result.matrix, result.threshold_px);
@@ -228,8 +227,8 @@ Orientation OrientPlanar(const PointPairs& pairs, const Epipolar& model, const E
   Orientation best = Orient(pairs, model);
   for (const Rigid3& pose : DecomposeHomography(plane)) {
     const Eigen::Matrix3d start = EssentialFromPose(pose);
-    const PointPairs inliers = pairs.Subset(SampsonInliers(pairs, start, model.threshold_px));
-    const auto refined = RefineEssential(inliers.First(), inliers.Second(), pairs.Variances(), start);
+    const PairArrays inliers = pairs.Arrays(SampsonInliers(pairs, start, model.threshold_px));
+    const auto refined = RefineEssential(inliers, pairs.Variances(), start);
     if (!refined) continue;
     const Epipolar candidate{*refined, SampsonInliers(pairs, *refined, model.threshold_px), model.threshold_px};
     Orientation other = Orient(pairs, candidate);
