@@ -8,6 +8,7 @@
 #include <opencv2/core.hpp>
 #include <string>
 
+#include "base/hash.h"
 #include "bench/accuracy/verification_eval.h"
 
 namespace rilievo::bench {
@@ -101,14 +102,15 @@ Json Measure(int pairs) {
 Json Answers(int pairs) {
   Json hashes = Json::array();
   for (int i = 0; i < pairs; ++i) {
-    const VerificationCase c{.planar = i % 2 == 1, .outlier_share = 0.4 + 0.1 * (i % 4), .noise_px = i % 3 == 0 ? 1.0 : 0.5};
+    const VerificationCase c{
+        .planar = i % 2 == 1, .outlier_share = 0.4 + 0.1 * (i % 4), .noise_px = i % 3 == 0 ? 1.0 : 0.5};
     const auto seed = static_cast<std::uint64_t>(i) + 1;
     const Answer answer = VerifyOurs(MakeSimulatedPair(c, seed), c, seed);
-    Hasher hasher;
+    KeyHasher hasher;
     for (const std::uint32_t inlier : answer.inliers) hasher.Add(std::uint64_t{inlier});
     for (const double value : answer.second_from_first.rotation.coeffs()) hasher.Add(value);
     for (const double value : answer.second_from_first.translation) hasher.Add(value);
-    hashes.push_back(hasher.Finish());
+    hashes.push_back(hasher.Finish().Hex());
   }
   return {{"hashes", hashes}};
 }

@@ -84,7 +84,7 @@ Answer EstimateOurs(const SimulatedPair& pair, const VerificationCase& c, std::u
                    const Eigen::Matrix3d& model = refined ? *refined : estimate->model;
                    answer.second_from_first = SelectPose(model, inliers.First(), inliers.Second()).second_from_first;
                    for (const auto i : estimate->inliers)
-                     answer.inliers.push_back(pair.matches[all.matches[i][0]].first);
+                     answer.inliers.push_back(pair.matches[all.MatchesOf(i)[0]].first);
                  }).cpu_s;
   return answer;
 }

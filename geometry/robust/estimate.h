@@ -174,8 +174,8 @@ class Scorer {
     { p.BlockResiduals(m, std::size_t{}) } -> std::same_as<std::array<float, kRobustBlock>>;
   };
 
-  /// Below this share of inliers not even one good sample is to be expected in all trials.
-  double LeastShare() const { return std::pow(1.0 / std::max(2, options_.max_trials), 1.0 / P::kSampleSize); }
+  /// Half of the share of inliers below which not even one good sample is to be expected in all trials.
+  double LeastShare() const { return 0.5 * std::pow(1.0 / std::max(2, options_.max_trials), 1.0 / P::kSampleSize); }
 
   std::array<float, kRobustBlock> Block(const Model& model, std::size_t begin) const {
     if constexpr (kHasBlocks) {

@@ -3,6 +3,7 @@
 
 #include <Eigen/LU>
 #include <Eigen/SVD>
+#include <algorithm>
 #include <utility>
 
 #include "geometry/essential_refinement.h"
@@ -69,7 +70,7 @@ RefinementOptions LocalRefinement(const TwoViewKernels& kernels) {
 PointPairs::PointPairs(std::vector<Eigen::Vector2d> first, std::vector<Eigen::Vector2d> second,
                        const CoordinateVariances& variances)
     : first_(std::move(first)), second_(std::move(second)), variances_(variances) {
-  stride_ = (first_.size() + kRobustBlock - 1) / kRobustBlock * kRobustBlock;
+  stride_ = (first_.size() + kRobustBlock - 1) / kRobustBlock * kRobustBlock + kRobustBlock;
   coordinates_.resize(4 * stride_);
   for (std::size_t i = 0; i < first_.size(); ++i) {
     coordinates_[i] = static_cast<float>(first_[i].x());
@@ -79,9 +80,9 @@ PointPairs::PointPairs(std::vector<Eigen::Vector2d> first, std::vector<Eigen::Ve
   }
 }
 
-PairBlock PointPairs::BlockAt(std::size_t begin) const {
+PairBlock PointPairs::RepairedBlockAt(std::size_t begin, std::size_t shift) const {
   const float* start = coordinates_.data() + begin;
-  return {start, start + stride_, start + 2 * stride_, start + 3 * stride_};
+  return {start, start + stride_, start + 2 * stride_ + shift, start + 3 * stride_ + shift};
 }
 
 PointPairs PointPairs::Subset(std::span<const std::uint32_t> items) const {
@@ -122,6 +123,26 @@ std::array<float, kRobustBlock> EssentialProblem::BlockResiduals(const Model& e,
 std::optional<Eigen::Matrix3d> EssentialProblem::Refine(std::span<const std::uint32_t> items,
                                                         const Model& start) const {
   return RefineEssential(pairs_.Arrays(items), pairs_.Variances(), start, LocalRefinement(kernels_));
+}
+
+double ChanceAgreement(const PointPairs& pairs, const Eigen::Matrix3d& model, double threshold,
+                       const TwoViewKernels& kernels) {
+  constexpr std::size_t kShifts = 8;
+  const std::size_t n = pairs.Size();
+  const FloatMatrix matrix(model);
+  const auto v1 = static_cast<float>(pairs.Variances().first), v2 = static_cast<float>(pairs.Variances().second);
+  const auto limit = static_cast<float>(threshold * threshold);
+  std::size_t agreeing = 0, tried = 0;
+  std::array<float, kRobustBlock> squared;
+  for (std::size_t shift = 1; shift <= kShifts && shift < n; ++shift) {
+    tried += n - shift;
+    for (std::size_t begin = 0; begin < n - shift; begin += kRobustBlock) {
+      kernels.sampson(matrix.values, v1, v2, pairs.RepairedBlockAt(begin, shift), squared.data());
+      const int count = static_cast<int>(std::min(kRobustBlock, n - shift - begin));
+      agreeing += static_cast<std::size_t>(kernels.truncate(squared.data(), count, limit).inliers);
+    }
+  }
+  return tried > 0 ? static_cast<double>(agreeing) / static_cast<double>(tried) : 1;
 }
 
 FundamentalList FundamentalProblem::Solve(const std::array<std::uint32_t, 7>& sample) const {

@@ -28,7 +28,10 @@ class PointPairs {
   const std::vector<Eigen::Vector2d>& First() const { return first_; }
   const std::vector<Eigen::Vector2d>& Second() const { return second_; }
   const CoordinateVariances& Variances() const { return variances_; }
-  PairBlock BlockAt(std::size_t begin) const;
+  PairBlock BlockAt(std::size_t begin) const { return RepairedBlockAt(begin, 0); }
+  /// The first points of items begin, begin + 1, ... with the second points of the items `shift` further on (shift <=
+  /// kRobustBlock; past Size() values mean nothing).
+  PairBlock RepairedBlockAt(std::size_t begin, std::size_t shift) const;
   /// The pairs of these items, in their order: as pairs, and as what refinements read.
   PointPairs Subset(std::span<const std::uint32_t> items) const;
   PairArrays Arrays(std::span<const std::uint32_t> items) const;
@@ -76,6 +79,11 @@ class EssentialProblem {
   EpipolarResidual residual_;
   const TwoViewKernels& kernels_;
 };
+
+/// How often wrong pairs agree with E or F: the share of the items re-paired with the second points of up to eight
+/// others (which sees how the points really lie) whose Sampson distance is within the threshold; 1 for a single item.
+double ChanceAgreement(const PointPairs& pairs, const Eigen::Matrix3d& model, double threshold,
+                       const TwoViewKernels& kernels = ActiveTwoViewKernels());
 
 /// Seven-point samples, refined by Levenberg-Marquardt on the Sampson distances. Wants coordinates of magnitude about
 /// 1, which ideal coordinates of even a guessed focal length are.

