@@ -18,7 +18,7 @@ struct Method {
   std::string name;
   std::function<Answer(const SimulatedPair&, const VerificationCase&, std::uint64_t)> run;
   std::vector<double> cpu_s = {}, recovered = {}, wrong = {}, rotation_deg = {}, translation_deg = {};
-  int found = 0;
+  int found = 0, right_pose = 0;
 };
 
 double Median(std::vector<double> values) {
@@ -48,6 +48,8 @@ void Judge(const SimulatedPair& pair, const Answer& answer, Method& method) {
   method.rotation_deg.push_back(kDegrees *
                                 answer.second_from_first.rotation.angularDistance(scene.second_from_first.rotation));
   method.translation_deg.push_back(kDegrees * std::atan2(a.cross(b).norm(), a.dot(b)));
+  // A plane seen from one side allows a second pose, tens of degrees away.
+  if (method.rotation_deg.back() < 1 && method.translation_deg.back() < 5) ++method.right_pose;
 }
 
 Json ToJson(const Method& m) {
@@ -57,6 +59,7 @@ Json ToJson(const Method& m) {
           {"recovered", Mean(m.recovered)},
           {"least_recovered", *std::min_element(m.recovered.begin(), m.recovered.end())},
           {"wrong", Mean(m.wrong)},
+          {"right_pose", m.right_pose},
           {"rotation_deg", Median(m.rotation_deg)},
           {"translation_deg", Median(m.translation_deg)}};
 }

@@ -1,5 +1,4 @@
-// Verification of a pair: essential matrix (calibrated) or fundamental matrix by robust estimation, homography beside
-// it.
+// Verification of a pair: essential (calibrated) or fundamental matrix by robust estimation, homography beside it.
 #pragma once
 
 #include <span>
@@ -23,7 +22,7 @@ struct Options {
 };
 
 std::span<const OptionDeclaration<Options>> OptionDeclarations();
-inline constexpr int kVersion = 1;
+inline constexpr int kVersion = 2;
 
 TaskCost Estimate(std::size_t matches);
 
