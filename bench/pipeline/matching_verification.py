@@ -4,7 +4,7 @@ import os
 
 from program import run
 
-PAIRS = "15"
+PAIRS = "24"
 PEERS = ("opencv_ransac", "opencv_usac_magsac")
 CONFIDENCES = (0.999, 0.9999)
 RECOVERED, WRONG = 0.95, 0.01
