@@ -61,13 +61,11 @@ void AddDeclaredOptions(CLI::App& command, S& options, std::span<const OptionDec
       std::snprintf(range, sizeof range, " (%.10g to %.10g)", d.min, d.max);
       help += range;
     }
-    command
-        .add_option_function<std::string>(
-            "--" + std::string(d.name), [&options, d](const std::string& text) { SetOptionValue(options, d, text); },
-            help)
-        ->default_str(OptionValueText(options, d))
-        ->type_name(std::holds_alternative<bool S::*>(d.member) ? "true|false" : "VALUE")
-        ->group(group);
+    const bool is_switch = std::holds_alternative<bool S::*>(d.member);
+    CLI::Option* option = command.add_option_function<std::string>(
+        "--" + std::string(d.name), [&options, d](const std::string& text) { SetOptionValue(options, d, text); }, help);
+    if (is_switch) option->expected(0, 1);  // alone it means true
+    option->default_str(OptionValueText(options, d))->type_name(is_switch ? "true|false" : "VALUE")->group(group);
   }
 }
 

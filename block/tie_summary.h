@@ -9,7 +9,8 @@ namespace rilievo {
 struct TripletSummary {
   std::uint64_t triplets = 0;
   std::uint64_t unchecked = 0;     ///< without a relative orientation that has a base: closed loops alone decide
-  std::uint64_t opened = 0;        ///< too few points: all matches of their pairs are used
+  std::uint64_t weak = 0;          ///< too few points: loops that are open or fail are used too
+  std::uint64_t poor_images = 0;   ///< too few points in all: all matches of their pairs are used
   std::uint64_t loops = 0;         ///< features of three images matched in all three pairs
   std::uint64_t failed_loops = 0;  ///< of these, those that the three-view check dropped
   std::uint64_t matches = 0;       ///< in verified pairs

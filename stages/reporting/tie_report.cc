@@ -37,10 +37,10 @@ std::string TieText(const TieSummary& ties) {
   std::string text = "Tie points\n";
   if (const TripletSummary& t = ties.triplets; t.triplets > 0)
     text += fmt::format(
-        "  {} triplets ({} without three-view check, {} weak ones whose matches are all used); {} closed loops, {} "
+        "  {} triplets ({} without three-view check, {} weak, {} images with all their matches); {} closed loops, {} "
         "dropped by the three-view check ({:.1f} %); {} of {} matches used\n",
-        t.triplets, t.unchecked, t.opened, t.loops, t.failed_loops, Percent(t.failed_loops, t.loops), t.matches_used,
-        t.matches);
+        t.triplets, t.unchecked, t.weak, t.poor_images, t.loops, t.failed_loops, Percent(t.failed_loops, t.loops),
+        t.matches_used, t.matches);
   text += "  " + SetText(ties.found);
   if (ties.is_reduced != 0)
     text += fmt::format("  reduced to {:.1f} % of the points, {:.1f} % of the cells:\n  ",
@@ -55,13 +55,10 @@ nlohmann::json TieJson(const TieSummary& ties) {
                         {"reduced", ties.is_reduced != 0},
                         {"triplets", nullptr}};
   if (const TripletSummary& t = ties.triplets; t.triplets > 0)
-    out["triplets"] = {{"count", t.triplets},
-                       {"unchecked", t.unchecked},
-                       {"weak", t.opened},
-                       {"loops", t.loops},
-                       {"failed_loops", t.failed_loops},
-                       {"matches", t.matches},
-                       {"matches_used", t.matches_used}};
+    out["triplets"] = {{"count", t.triplets},  {"unchecked", t.unchecked},
+                       {"weak", t.weak},       {"poor_images", t.poor_images},
+                       {"loops", t.loops},     {"failed_loops", t.failed_loops},
+                       {"matches", t.matches}, {"matches_used", t.matches_used}};
   return out;
 }
 

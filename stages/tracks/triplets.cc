@@ -38,6 +38,12 @@ struct Side {
   std::vector<Edge> edges;
 };
 
+template <class T>
+void MakeUnique(std::vector<T>& values) {
+  std::sort(values.begin(), values.end());
+  values.erase(std::unique(values.begin(), values.end()), values.end());
+}
+
 class TripletChecker {
  public:
   TripletChecker(const SequenceInput& input, const Options& options, RunContext& context)
@@ -49,29 +55,27 @@ class TripletChecker {
     context_.ThrowIfStopped();
     std::array<Side, 3> sides;
     for (std::size_t s = 0; s < 3; ++s) sides[s] = MakeSide(triplet[kSides[s].first], triplet[kSides[s].second]);
-    const std::vector<Loop> loops = ClosedLoops(sides);
+    const std::vector<Loop> rows = Rows(sides), loops = ClosedOnes(sides, rows);
     const auto widest = WidestSide(sides);
     const std::vector<Loop> kept = widest ? Confirmed(triplet, sides[*widest], *widest, loops) : loops;
     ++summary_.triplets;
     summary_.unchecked += !widest;
     summary_.loops += loops.size();
-    if (kept.size() < kFewTripletPoints) {
-      ++summary_.opened;
-      for (const Side& side : sides)
-        for (const Edge& edge : side.edges) Use(side, edge);
+    if (kept.size() < kFewPoints) {
+      ++summary_.weak;
+      Use(sides, rows);
       return;
     }
     summary_.failed_loops += loops.size() - kept.size();
-    for (const Loop& loop : kept)
-      for (std::size_t s = 0; s < 3; ++s) Use(sides[s], {loop[kSides[s].first], loop[kSides[s].second]});
+    Use(sides, kept);
   }
 
   SequenceMatches Finish() {
+    UseAllMatchesOfPoorImages();
     SequenceMatches result;
     for (std::size_t p = 0; p < used_.size(); ++p) {
       if (input_.pairs[p].IsVerified()) summary_.matches += input_.pairs[p].inliers.size();
-      std::sort(used_[p].begin(), used_[p].end());
-      used_[p].erase(std::unique(used_[p].begin(), used_[p].end()), used_[p].end());
+      MakeUnique(used_[p]);
       summary_.matches_used += used_[p].size();
       TwoViewGeometry geometry = WithoutMatches(input_.pairs[p]);
       geometry.inliers = std::move(used_[p]);
@@ -94,18 +98,26 @@ class TripletChecker {
     for (const Match& match : input_.pairs[*side.pair].inliers)
       side.edges.push_back(side.is_reversed ? Edge{of_from[match.second], of_to[match.first]}
                                             : Edge{of_from[match.first], of_to[match.second]});
-    std::sort(side.edges.begin(), side.edges.end());
-    side.edges.erase(std::unique(side.edges.begin(), side.edges.end()), side.edges.end());
+    MakeUnique(side.edges);
     return side;
   }
 
-  static std::vector<Loop> ClosedLoops(const std::array<Side, 3>& sides) {
-    std::vector<Loop> loops;
-    const auto &bc = sides[1].edges, &ac = sides[2].edges;
+  /// Features matched in a row a - b - c, whether a - c are matched or not.
+  static std::vector<Loop> Rows(const std::array<Side, 3>& sides) {
+    std::vector<Loop> rows;
+    const auto& bc = sides[1].edges;
     for (const auto& [a, b] : sides[0].edges)
       for (auto at = std::lower_bound(bc.begin(), bc.end(), Edge{b, 0}); at != bc.end() && at->first == b; ++at)
-        if (std::binary_search(ac.begin(), ac.end(), Edge{a, at->second})) loops.push_back({a, b, at->second});
-    return loops;
+        rows.push_back({a, b, at->second});
+    return rows;
+  }
+
+  static std::vector<Loop> ClosedOnes(const std::array<Side, 3>& sides, std::vector<Loop> rows) {
+    const auto& ac = sides[2].edges;
+    std::erase_if(rows, [&](const Loop& row) {
+      return !std::binary_search(ac.begin(), ac.end(), Edge{row[0], row[2]});
+    });
+    return rows;
   }
 
   /// The side with the widest intersection angle among those whose relative orientation has a base.
@@ -136,7 +148,7 @@ class TripletChecker {
     std::vector<Eigen::Vector2d> in_third;
   };
 
-  /// Loops without an object point in front of both images are left out.
+  /// Loops without an object point that both images see where they should are left out.
   Intersected Intersect(const Triplet& triplet, const Side& side, std::size_t side_index,
                         std::span<const Loop> loops) const {
     const auto [from, to] = kSides[side_index];
@@ -151,7 +163,10 @@ class TripletChecker {
       const std::array<RayView, 2> views{View(first, triplet[from], *in_first), View(second, triplet[to], *in_second)};
       const auto start = IntersectRays(views);
       const auto point = start ? RefineIntersection(views, *start) : std::nullopt;
-      if (!point) continue;
+      const auto misses = [&](const RayView& view) {
+        return RayResidualPx(view, *point) > options_.three_view_residual_px;
+      };
+      if (!point || std::any_of(views.begin(), views.end(), misses)) continue;
       result.loops.push_back(loop);
       result.points.push_back(*point);
       result.in_third.push_back(*in_third);
@@ -181,6 +196,37 @@ class TripletChecker {
 
   void Use(const Side& side, const Edge& edge) {
     used_[*side.pair].push_back(side.is_reversed ? Match{edge.second, edge.first} : Match{edge.first, edge.second});
+  }
+
+  /// Of an open row only the two matches that are there.
+  void Use(const std::array<Side, 3>& sides, std::span<const Loop> loops) {
+    for (const Loop& loop : loops)
+      for (std::size_t s = 0; s < 3; ++s) {
+        const Edge edge{loop[kSides[s].first], loop[kSides[s].second]};
+        if (s < 2 || std::binary_search(sides[s].edges.begin(), sides[s].edges.end(), edge)) Use(sides[s], edge);
+      }
+  }
+
+  void UseAllMatchesOfPoorImages() {
+    std::vector<std::vector<std::uint32_t>> features(input_.keypoints.size());
+    for (std::size_t p = 0; p < used_.size(); ++p)
+      for (const Match& match : used_[p]) {
+        features[input_.pairs[p].pair.first.value].push_back(match.first);
+        features[input_.pairs[p].pair.second.value].push_back(match.second);
+      }
+    std::vector<std::uint8_t> is_poor(features.size(), 0);
+    for (const Triplet& triplet : input_.triplets)
+      for (const ImageId image : triplet) {
+        MakeUnique(features[image.value]);
+        is_poor[image.value] = features[image.value].size() < kFewPoints;
+      }
+    summary_.poor_images = static_cast<std::uint64_t>(std::count(is_poor.begin(), is_poor.end(), std::uint8_t{1}));
+    for (const Triplet& triplet : input_.triplets)
+      for (const auto& [a, b] : kSides) {
+        if (is_poor[triplet[a].value] == 0 && is_poor[triplet[b].value] == 0) continue;
+        const Side side = MakeSide(triplet[a], triplet[b]);
+        for (const Edge& edge : side.edges) Use(side, edge);
+      }
   }
 
   const SequenceInput& input_;
