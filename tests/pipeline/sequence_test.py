@@ -40,7 +40,7 @@ class Sequence(ProgramTest):
         self.assert_one_line(self.orient(None, None, None, "--closed-sequence"), "--closed-sequence", "--network sequence", code=2)
 
     def test_reduction_keeps_the_cells_and_loses_the_points(self):
-        full, _ = self.oriented("full")
+        full, _ = self.oriented("full", "--reduction-cell", "150")
         reduced, _ = self.oriented("reduced", "--reduce", "--reduction-cell", "150")
         before, after = reduced["tie_points"]["found"], reduced["tie_points"]["used"]
         self.assertEqual(full["tie_points"], {**reduced["tie_points"], "used": before, "reduced": False})
