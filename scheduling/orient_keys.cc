@@ -29,7 +29,10 @@ engine::ArtifactKey FeatureKey(const Image& image, const OrientOptions& options)
 engine::ArtifactKey TileKey(const PairTile& tile, const Block& block, const OrientOptions& options,
                             const std::vector<engine::ArtifactKey>& features, std::string_view processor_level) {
   KeyHasher hasher;
-  hasher.Add("pairs").Add(processor_level).Add(std::uint64_t{matching::kVersion}).Add(std::uint64_t{verification::kVersion});
+  hasher.Add("pairs")
+      .Add(processor_level)
+      .Add(std::uint64_t{matching::kVersion})
+      .Add(std::uint64_t{verification::kVersion});
   hasher.Add(OptionKeyText(options.matching, matching::OptionDeclarations()));
   hasher.Add(OptionKeyText(options.verification, verification::OptionDeclarations()));
   hasher.Add(std::uint64_t{tile.pairs.size()});
@@ -47,8 +50,10 @@ engine::ArtifactKey TileKey(const PairTile& tile, const Block& block, const Orie
 OrientKeys ComputeKeys(const Block& block, const OrientOptions& options, std::string_view processor_level) {
   OrientKeys keys;
   for (const Image& image : block.images) keys.features.push_back(FeatureKey(image, options));
-  keys.tiles = TilePairs(SelectPairs(block.images.size(), options.network, options.tracks.closed_sequence), TileEdge(block.images.size()));
-  for (const PairTile& tile : keys.tiles) keys.pairs.push_back(TileKey(tile, block, options, keys.features, processor_level));
+  keys.tiles = TilePairs(SelectPairs(block.images.size(), options.network, options.tracks.closed_sequence),
+                         TileEdge(block.images.size()));
+  for (const PairTile& tile : keys.tiles)
+    keys.pairs.push_back(TileKey(tile, block, options, keys.features, processor_level));
 
   KeyHasher hasher;
   hasher.Add("orientation")

@@ -280,15 +280,14 @@ void RunOrientationTask(OrientRun& run, TaskContext& context) {
     return;
   }
   const OrientationInputs inputs = LoadOrientationInputs(run, context);
-  const auto triplets =
-      run.options.network == Network::kSequence
-          ? tracks::SequenceTriplets(run.block.images.size(), run.options.tracks.closed_sequence)
-          : std::vector<tracks::Triplet>{};
-  const tracks::TiePoints ties = tracks::MakeTiePoints({run.block, inputs.keypoints, inputs.pairs, triplets},
-                                                       run.options.tracks, context);
+  const auto triplets = run.options.network == Network::kSequence
+                            ? tracks::SequenceTriplets(run.block.images.size(), run.options.tracks.closed_sequence)
+                            : std::vector<tracks::Triplet>{};
+  const tracks::TiePoints ties =
+      tracks::MakeTiePoints({run.block, inputs.keypoints, inputs.pairs, triplets}, run.options.tracks, context);
   context.ReportProgress(0.05);
-  mapping::Output output =
-      mapping::Run({run.block, inputs.keypoints, inputs.colors, inputs.pairs, ties.tracks}, run.options.mapping, context);
+  mapping::Output output = mapping::Run({run.block, inputs.keypoints, inputs.colors, inputs.pairs, ties.tracks},
+                                        run.options.mapping, context);
   OrientationResult result{
       std::move(output.models), std::move(output.unoriented), run.images, {}, std::move(output.warnings), ties.summary};
   std::erase_if(result.unoriented,
