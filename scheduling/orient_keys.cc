@@ -29,10 +29,7 @@ engine::ArtifactKey FeatureKey(const Image& image, const OrientOptions& options)
 engine::ArtifactKey TileKey(const PairTile& tile, const Block& block, const OrientOptions& options,
                             const std::vector<engine::ArtifactKey>& features, std::string_view processor_level) {
   KeyHasher hasher;
-  hasher.Add("pairs")
-      .Add(processor_level)
-      .Add(std::uint64_t{matching::kVersion})
-      .Add(std::uint64_t{verification::kVersion});
+  hasher.Add("pairs").Add(processor_level).Add(std::uint64_t{matching::kVersion}).Add(std::uint64_t{verification::kVersion});
   hasher.Add(OptionKeyText(options.matching, matching::OptionDeclarations()));
   hasher.Add(OptionKeyText(options.verification, verification::OptionDeclarations()));
   hasher.Add(std::uint64_t{tile.pairs.size()});
