@@ -177,6 +177,7 @@ void AddStageOptions(CLI::App& command, scheduling::OrientOptions& options) {
   AddDeclaredOptions(command, options.features, features::OptionDeclarations(), "Features");
   AddDeclaredOptions(command, options.matching, matching::OptionDeclarations(), "Matching");
   AddDeclaredOptions(command, options.verification, verification::OptionDeclarations(), "Verification");
+  AddDeclaredOptions(command, options.tracks, tracks::OptionDeclarations(), "Tie points");
   AddDeclaredOptions(command, options.mapping, mapping::OptionDeclarations(), "Mapping");
 }
 

@@ -9,7 +9,7 @@ namespace rilievo::scheduling {
 namespace {
 
 /// Bumped when the payload of the orientation artifact changes its layout.
-constexpr std::uint64_t kOrientationFormat = 3;
+constexpr std::uint64_t kOrientationFormat = 4;
 
 void AddCamera(KeyHasher& hasher, const Camera& camera) {
   const CameraModel& m = camera.model;
@@ -47,14 +47,19 @@ engine::ArtifactKey TileKey(const PairTile& tile, const Block& block, const Orie
 OrientKeys ComputeKeys(const Block& block, const OrientOptions& options, std::string_view processor_level) {
   OrientKeys keys;
   for (const Image& image : block.images) keys.features.push_back(FeatureKey(image, options));
-  keys.tiles = TilePairs(SelectPairs(block.images.size(), options.network), TileEdge(block.images.size()));
-  for (const PairTile& tile : keys.tiles) keys.pairs.push_back(TileKey(tile, block, options, keys.features, processor_level));
+  keys.tiles = TilePairs(SelectPairs(block.images.size(), options.network, options.tracks.closed_sequence),
+                         TileEdge(block.images.size()));
+  for (const PairTile& tile : keys.tiles)
+    keys.pairs.push_back(TileKey(tile, block, options, keys.features, processor_level));
 
   KeyHasher hasher;
   hasher.Add("orientation")
       .Add(kOrientationFormat)
       .Add(std::uint64_t{tracks::kVersion})
       .Add(std::uint64_t{mapping::kVersion});
+  // Three images have the same pairs in both networks, but tie points of different rules.
+  hasher.Add(options.network == Network::kSequence ? "triplets" : "pairs")
+      .Add(OptionKeyText(options.tracks, tracks::OptionDeclarations()));
   hasher.Add(std::uint64_t{adjustment::kVersion})
       .Add(processor_level)
       .Add(OptionKeyText(options.mapping, mapping::OptionDeclarations()));

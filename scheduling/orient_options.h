@@ -5,6 +5,7 @@
 #include "stages/features/features.h"
 #include "stages/mapping/mapping.h"
 #include "stages/matching/matching.h"
+#include "stages/tracks/tracks.h"
 #include "stages/verification/verification.h"
 
 namespace rilievo::scheduling {
@@ -14,6 +15,7 @@ struct OrientOptions {
   features::Options features;
   matching::Options matching;
   verification::Options verification;
+  tracks::Options tracks;
   mapping::Options mapping;
 };
 

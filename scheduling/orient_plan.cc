@@ -13,7 +13,7 @@
 #include "block/io/serialize_block.h"
 #include "scheduling/orient_costs.h"
 #include "stages/images/masks.h"
-#include "stages/tracks/tracks.h"
+#include "stages/tracks/tie_points.h"
 
 namespace rilievo::scheduling {
 namespace {
@@ -216,6 +216,7 @@ std::vector<std::byte> Serialize(const OrientationResult& result) {
   }
   writer.Put<std::uint64_t>(result.warnings.size());
   for (const auto& warning : result.warnings) writer.PutString(warning);
+  writer.Put(result.ties);
   return writer.Take();
 }
 
@@ -245,6 +246,7 @@ OrientationResult DeserializeOrientation(std::span<const std::byte> payload) {
     result.pairs.push_back(p);
   }
   for (auto n = reader.Get<std::uint64_t>(); n > 0; --n) result.warnings.push_back(reader.GetString());
+  result.ties = reader.Get<TieSummary>();
   return result;
 }
 
@@ -278,12 +280,16 @@ void RunOrientationTask(OrientRun& run, TaskContext& context) {
     return;
   }
   const OrientationInputs inputs = LoadOrientationInputs(run, context);
-  const std::vector<Track> tracks = tracks::Run(inputs.pairs, context);
+  const auto triplets = run.options.network == Network::kSequence
+                            ? tracks::SequenceTriplets(run.block.images.size(), run.options.tracks.closed_sequence)
+                            : std::vector<tracks::Triplet>{};
+  const tracks::TiePoints ties =
+      tracks::MakeTiePoints({run.block, inputs.keypoints, inputs.pairs, triplets}, run.options.tracks, context);
   context.ReportProgress(0.05);
-  mapping::Output output =
-      mapping::Run({run.block, inputs.keypoints, inputs.colors, inputs.pairs, tracks}, run.options.mapping, context);
+  mapping::Output output = mapping::Run({run.block, inputs.keypoints, inputs.colors, inputs.pairs, ties.tracks},
+                                        run.options.mapping, context);
   OrientationResult result{
-      std::move(output.models), std::move(output.unoriented), run.images, {}, std::move(output.warnings)};
+      std::move(output.models), std::move(output.unoriented), run.images, {}, std::move(output.warnings), ties.summary};
   std::erase_if(result.unoriented,
                 [&](const UnorientedImage& u) { return !run.images[u.image.value].quarantine.empty(); });
   for (const auto& tile : run.pairs) result.pairs.insert(result.pairs.end(), tile.begin(), tile.end());

@@ -8,11 +8,18 @@
 
 namespace rilievo::scheduling {
 
-std::vector<ImagePair> SelectPairs(std::size_t image_count, Network network) {
+std::vector<ImagePair> SelectPairs(std::size_t image_count, Network network, bool closed_sequence) {
   std::vector<ImagePair> pairs;
   for (std::uint32_t i = 0; i < image_count; ++i) {
     const std::size_t end = network == Network::kSequence ? std::min<std::size_t>(i + 3, image_count) : image_count;
     for (std::uint32_t j = i + 1; j < end; ++j) pairs.push_back({ImageId(i), ImageId(j)});
+  }
+  if (network == Network::kSequence && closed_sequence && image_count >= 4) {
+    const auto last = static_cast<std::uint32_t>(image_count - 1);
+    for (const auto& [first, second] : {std::pair{0U, last - 1}, std::pair{0U, last}, std::pair{1U, last}})
+      pairs.push_back({ImageId(first), ImageId(second)});
+    std::sort(pairs.begin(), pairs.end());
+    pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
   }
   return pairs;
 }

@@ -11,8 +11,9 @@ namespace rilievo::scheduling {
 /// A sparse block matches all n(n-1)/2 pairs; an ordered sequence the 2n-3 pairs of its n-2 overlapping triplets.
 enum class Network { kSparse, kSequence };
 
-/// Pairs (first < second), sorted. Images are numbered in block order. O(result).
-std::vector<ImagePair> SelectPairs(std::size_t image_count, Network network);
+/// Pairs (first < second), sorted. Images are numbered in block order. A closed sequence adds the pairs of the two
+/// triplets across its end. O(result).
+std::vector<ImagePair> SelectPairs(std::size_t image_count, Network network, bool closed_sequence = false);
 
 /// A tile of the pair matrix: the pairs of one block of rows with one block of columns. Its images' features are loaded
 /// once, and its results share one artifact.

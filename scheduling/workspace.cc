@@ -37,6 +37,7 @@ json ToJson(const OrientOptions& o) {
           {"features", OptionsToJson(o.features, features::OptionDeclarations())},
           {"matching", OptionsToJson(o.matching, matching::OptionDeclarations())},
           {"verification", OptionsToJson(o.verification, verification::OptionDeclarations())},
+          {"tracks", OptionsToJson(o.tracks, tracks::OptionDeclarations())},
           {"mapping", OptionsToJson(o.mapping, mapping::OptionDeclarations())}};
 }
 
@@ -46,6 +47,7 @@ OrientOptions OptionsFromJson(const json& in) {
   o.features = OptionsFromJson(in.at("features"), features::OptionDeclarations());
   o.matching = OptionsFromJson(in.at("matching"), matching::OptionDeclarations());
   o.verification = OptionsFromJson(in.at("verification"), verification::OptionDeclarations());
+  if (in.contains("tracks")) o.tracks = OptionsFromJson(in.at("tracks"), tracks::OptionDeclarations());
   o.mapping = OptionsFromJson(in.at("mapping"), mapping::OptionDeclarations());
   return o;
 }

@@ -67,6 +67,30 @@ TEST(ComputeKeys, AMaskCountsByItsContentForItsImage) {
   EXPECT_NE(ComputeKeys(block, {}, "base").features[2], without.features[2]);
 }
 
+TEST(ComputeKeys, OptionsOfTiePointsLeaveMatchesAlone) {
+  const Block block = MakeBlock(7);
+  OrientOptions options;
+  options.network = Network::kSequence;
+  const OrientKeys before = ComputeKeys(block, options, "base");
+  options.tracks.reduce = !options.tracks.reduce;
+  const OrientKeys reduced = ComputeKeys(block, options, "base");
+  EXPECT_EQ(before.pairs, reduced.pairs);
+  EXPECT_NE(before.orientation, reduced.orientation);
+  options.tracks.closed_sequence = true;
+  std::size_t pairs = 0;
+  for (const PairTile& tile : ComputeKeys(block, options, "base").tiles) pairs += tile.pairs.size();
+  EXPECT_EQ(pairs, 14U);
+}
+
+TEST(ComputeKeys, ThreeImagesHaveTheirTiePointsByTheNetwork) {
+  const Block block = MakeBlock(3);
+  OrientOptions sequence;
+  sequence.network = Network::kSequence;
+  const OrientKeys a = ComputeKeys(block, {}, "base"), b = ComputeKeys(block, sequence, "base");
+  EXPECT_EQ(a.pairs, b.pairs);
+  EXPECT_NE(a.orientation, b.orientation);
+}
+
 TEST(ComputeKeys, AnImageAddedAtTheEndKeepsWhatIsDone) {
   const OrientKeys before = ComputeKeys(MakeBlock(6), {}, "base"), after = ComputeKeys(MakeBlock(8), {}, "base");
   for (const auto& key : before.features)

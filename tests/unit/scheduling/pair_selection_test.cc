@@ -5,6 +5,9 @@
 
 #include <algorithm>
 #include <set>
+#include <utility>
+
+#include "stages/tracks/triplets.h"
 
 namespace rilievo::scheduling {
 namespace {
@@ -21,6 +24,19 @@ TEST(SelectPairs, EveryTripletOfASequenceHasItsThreePairs) {
   for (std::uint32_t i = 0; i + 2 < 12; ++i)
     for (const auto& [a, b] : {std::pair{i, i + 1}, std::pair{i + 1, i + 2}, std::pair{i, i + 2}})
       EXPECT_TRUE(std::binary_search(pairs.begin(), pairs.end(), ImagePair{ImageId(a), ImageId(b)}));
+}
+
+TEST(SelectPairs, AClosedSequenceAddsThePairsOfItsEnd) {
+  for (std::size_t n = 0; n < 40; ++n) {
+    const auto open = SelectPairs(n, Network::kSequence), closed = SelectPairs(n, Network::kSequence, true);
+    std::set<ImagePair> expected(open.begin(), open.end());
+    for (const auto& t : tracks::SequenceTriplets(n, true))
+      for (const auto& [a, b] : {std::pair{t[0], t[1]}, std::pair{t[1], t[2]}, std::pair{t[0], t[2]}})
+        expected.insert({std::min(a, b), std::max(a, b)});
+    EXPECT_EQ(closed, std::vector<ImagePair>(expected.begin(), expected.end())) << n;
+    EXPECT_TRUE(n < 5 || closed.size() == 2 * n) << n;
+    EXPECT_EQ(SelectPairs(n, Network::kSparse, true), SelectPairs(n, Network::kSparse));
+  }
 }
 
 TEST(TilePairs, VisitsEachPairOnceWithItsImages) {

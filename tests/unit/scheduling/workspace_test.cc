@@ -28,6 +28,8 @@ class WorkspaceTest : public testing::Test {
     record.images = images;
     record.processor_level = "avx2";
     record.options.network = Network::kSequence;
+    record.options.tracks.closed_sequence = true;
+    record.options.tracks.reduction_cell_px = 0.1 + 120;
     record.options.matching.ratio = 0.1 + 0.6;  // not a short decimal
     record.options.verification.estimator = "lmeds";
     record.warnings = {"a \"quoted\" warning"};
