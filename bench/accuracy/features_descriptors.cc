@@ -87,8 +87,8 @@ Json OnPhotographs(const std::filesystem::path& folder) {
       const Eigen::Matrix3d h = ReadHomography(folder / ("H1to" + std::to_string(i + 1) + "p"));
       // The homographies count from the first pixel's centre.
       const Eigen::Vector2d half(0.5, 0.5);
-      result["1-" + std::to_string(i + 1)][descriptor] = Count(
-          features[0], features[i], descriptor, [&](const Eigen::Vector2d& p) -> std::optional<Eigen::Vector2d> {
+      result["1-" + std::to_string(i + 1)][descriptor] =
+          Count(features[0], features[i], descriptor, [&](const Eigen::Vector2d& p) -> std::optional<Eigen::Vector2d> {
             return (h * (p - half).homogeneous()).hnormalized() + half;
           });
     }
@@ -108,8 +108,8 @@ Json OnScene(const simulation::SceneOptions& options) {
   for (const char* descriptor : kDescriptors) {
     const std::vector<ImageFeatures> features = DetectAll(images, descriptor);
     for (std::size_t i = 1; i < images.size(); ++i) {
-      result["1-" + std::to_string(i + 1)][descriptor] = Count(
-          features[0], features[i], descriptor, [&](const Eigen::Vector2d& p) -> std::optional<Eigen::Vector2d> {
+      result["1-" + std::to_string(i + 1)][descriptor] =
+          Count(features[0], features[i], descriptor, [&](const Eigen::Vector2d& p) -> std::optional<Eigen::Vector2d> {
             const auto point = renderer.SurfacePoint(0, p);
             return point ? renderer.Project(i, *point) : std::nullopt;
           });

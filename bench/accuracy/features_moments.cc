@@ -55,8 +55,7 @@ void DescriptorMoments::Add(const GreyImage& image) {
   SerialRunContext context;
   const features::Options options;
   features::DetectSift(
-      {image},
-      {options.first_octave, {options.contrast_threshold, options.edge_threshold}, options.octaves, describe},
+      {image}, {options.first_octave, {options.contrast_threshold, options.edge_threshold}, options.octaves, describe},
       {1 << 20, false, image.width_px, image.height_px}, features::ChooseSiftKernels(features::ForcedKernels()),
       context);
   gloh.Add(Columns(histograms, kGlohBins));

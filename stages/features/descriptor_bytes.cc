@@ -30,7 +30,8 @@ float SquaredNorm(const float* values, int count) {
 void Normalise(float* values, int count) {
   const float norm = std::sqrt(SquaredNorm(values, count));
   if (!(norm > 0)) return;
-  for (int i = 0; i < count; ++i) values[i] *= 1 / norm;
+  const float scale = 1 / norm;
+  for (int i = 0; i < count; ++i) values[i] *= scale;
 }
 
 Descriptor SiftBytes(const float* histogram, bool root) {

@@ -16,8 +16,8 @@ float SquaredNorm(const float* values, int count);
 /// Scaled to unit length; zeros stay zeros. `count` is a multiple of 16.
 void Normalise(float* values, int count);
 
-/// At most 128 signed components, `count` a multiple of 16: byte = clamp(round(128 + c)), 128 where there is none. Longer
-/// vectors than kMostSignedNorm are shortened to it.
+/// At most 128 signed components, `count` a multiple of 16: byte = clamp(round(128 + c)), 128 where there is none.
+/// Longer vectors than kMostSignedNorm are shortened to it.
 Descriptor SignedBytes(const float* values, int count);
 
 /// Rounding adds at most sqrt(128) / 2: the squared norm from 128 stays within the 78,400 of the matching's kernels.

@@ -13,9 +13,6 @@
 namespace rilievo::features {
 namespace {
 
-/// Bytes a unit of the projected histogram.
-constexpr float kGain = 300.0F;
-
 /// A sample of the patch and its shares in the cells: two sectors of two rings.
 struct Share {
   int sample = 0;
@@ -54,7 +51,8 @@ double SectorAt(double u, double v) {
 
 std::vector<Share> MakeShares() {
   std::vector<Share> shares;
-  const double step = kSampleStep_sigma / kGlohUnits_sigma, half = 0.5 * (kPatchSide - 1), window = 2 * kCellWidth_sigma;
+  const double step = kSampleStep_sigma / kGlohUnits_sigma, half = 0.5 * (kPatchSide - 1),
+               window = 2 * kCellWidth_sigma;
   for (int k = 0; k < kPatchSide * kPatchSide; ++k) {
     const int column = k % kPatchSide, row = k / kPatchSide;
     const double u = (column - half) * step, v = (row - half) * step, radius = std::sqrt(u * u + v * v);
@@ -99,7 +97,7 @@ void GlohHistogram(const SiftKernels& kernels, const Patch& patch, float cosine,
 }
 
 Descriptor DescribeGloh(const SiftKernels& kernels, const Patch& patch, float cosine, float sine) {
-  static const Projection projection(kGlohProjection, kGain);
+  static const Projection projection(kGlohProjection, kGlohGain);
   float histogram[kGlohBins];
   GlohHistogram(kernels, patch, cosine, sine, histogram);
   return projection.Describe(kernels, histogram);

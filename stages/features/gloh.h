@@ -15,8 +15,11 @@ inline constexpr int kGlohBins = kGlohCells * kGlohDirections;
 inline constexpr double kGlohUnits_sigma = 0.5;
 inline constexpr double kGlohRadii[3] = {6, 11, 15};
 
-/// kGlohBins floats [cell][direction], the cell of sector s of ring r being 1 + 8 r + s: unit norm, cut at 0.2, unit norm
-/// as SIFT's. Zeros for a patch without any gradient. The same for all kernels.
+/// Bytes a unit of the projected histogram (docs/decisions/0010).
+inline constexpr float kGlohGain = 240.0F;
+
+/// kGlohBins floats [cell][direction], the cell of sector s of ring r being 1 + 8 r + s: unit norm, cut at 0.2, unit
+/// norm as SIFT's. Zeros for a patch without any gradient. The same for all kernels.
 void GlohHistogram(const SiftKernels& kernels, const Patch& patch, float cosine, float sine, float* histogram);
 
 /// A Describer: the 128 largest principal components of the histogram.

@@ -93,7 +93,8 @@ void CopySourceRow(const GreyImage& image, int y, int begin, int count, float* o
 class StripRunner {
  public:
   StripRunner(const OctaveInput& input, const SiftThresholds& thresholds, const Describer& describe,
-              const SiftKernels& kernels, Workspace& workspace, int begin_px, int end_px, Plane& next, FeatureCollector& features)
+              const SiftKernels& kernels, Workspace& workspace, int begin_px, int end_px, Plane& next,
+              FeatureCollector& features)
       : input_(input),
         thresholds_(thresholds),
         describe_(describe),

@@ -13,9 +13,6 @@
 namespace rilievo::features {
 namespace {
 
-/// Bytes a unit of the projected gradients.
-constexpr float kGain = 250.0F;
-
 constexpr int kSamples = kPcaSiftPatch * kPcaSiftPatch, kPaddedSamples = (kSamples + 63) / 64 * 64 + kOvershoot_px;
 /// Rows of gradients: one of zeros more, for a multiple of four.
 constexpr int kRows = kPcaSiftSide + 1, kFrequencies = kPcaSiftFrequencies;
@@ -77,7 +74,7 @@ void PcaSiftCoefficients(const SiftKernels& kernels, const Patch& patch, float c
 }
 
 Descriptor DescribePcaSift(const SiftKernels& kernels, const Patch& patch, float cosine, float sine) {
-  static const Projection projection(kPcaSiftProjection, kGain);
+  static const Projection projection(kPcaSiftProjection, kPcaSiftGain);
   float coefficients[kPcaSiftInputs];
   PcaSiftCoefficients(kernels, patch, cosine, sine, coefficients);
   return projection.Describe(kernels, coefficients);
