@@ -1,8 +1,10 @@
-// Exact matching of the descriptors of two images: two nearest neighbours, ratio test, mutual check.
+// Matching of the descriptors of two images: two nearest neighbours, ratio test, mutual check.
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "base/option.h"
@@ -16,10 +18,22 @@ namespace rilievo::matching {
 struct Options {
   double ratio = 0.8;
   bool mutual = true;
+  std::string matcher = "auto";
+  int kd_checks = 256;
+  int visited_cells = 12;
 };
 
 std::span<const OptionDeclaration<Options>> OptionDeclarations();
 inline constexpr int kVersion = 1;
+
+/// How the two nearest neighbours are found: m2 compares all with all, the others are docs/decisions/0011.
+enum class Matcher : std::uint8_t { kM2, kKdTree, kCells };
+
+/// Comparisons of one pair above which `auto` takes cells instead of m2: two images of 65,536 features.
+inline constexpr std::uint64_t kMostM2Comparisons = std::uint64_t{1} << 32;
+
+/// The matcher of two images by the option or, for `auto`, by the numbers of their features alone.
+Matcher MatcherFor(std::size_t features_a, std::size_t features_b, const Options& options);
 
 TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options& options);
 
