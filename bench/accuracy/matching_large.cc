@@ -26,6 +26,11 @@ std::vector<Descriptor> Pool(const std::vector<std::string>& images, std::size_t
   return pool;
 }
 
+/// Fewer of them where each takes minutes.
+std::vector<int> ChecksFor(std::size_t features) {
+  return features > 150'000 ? std::vector<int>{256, 1024} : std::vector<int>{64, 256, 1024};
+}
+
 }  // namespace
 
 Json MeasureLarge(std::size_t features, const std::vector<std::string>& images) {
@@ -35,7 +40,7 @@ Json MeasureLarge(std::size_t features, const std::vector<std::string>& images) 
   for (const int visits : {4, 8, 12, 16})
     result["cells"][std::to_string(visits)] =
         BesideReference(MatchTimed(a, b, {.matcher = "cells", .visited_cells = visits}), m2);
-  for (const int checks : {64, 256, 1024})
+  for (const int checks : ChecksFor(features))
     result["kd_tree"][std::to_string(checks)] =
         BesideReference(MatchTimed(a, b, {.matcher = "kd-tree", .kd_checks = checks}), m2);
   result["auto"] = BesideReference(MatchTimed(a, b, {}), m2);
