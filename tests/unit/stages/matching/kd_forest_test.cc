@@ -160,10 +160,15 @@ void ExpectEqual(const std::vector<BestTwo>& found, const std::vector<BestTwo>& 
 TEST(KdMatching, WithoutLimitTheTableIsThatOfTheSweep) {
   const SerialRunContext context;
   const Descriptors sift = test::SiftLike(400, 11);
+  // Two bytes that vary: every path splits each of them several times, so offsets must replace each other.
+  Descriptors plane_a = test::AnyBytes(600, 21), plane_b = test::AnyBytes(900, 22);
+  for (Descriptors* plane : {&plane_a, &plane_b})
+    for (Descriptor& d : *plane) std::fill(d.begin() + 2, d.end(), std::uint8_t{9});
   const std::vector<std::pair<Descriptors, Descriptors>> pairs = {{sift, test::SecondView(sift, 15, 12)},
                                                                   {test::Ties(301, 13), test::Ties(517, 14)},
                                                                   {test::AnyBytes(90, 15), test::AnyBytes(133, 16)},
                                                                   {sift, {sift[5]}},
+                                                                  {plane_a, plane_b},
                                                                   {sift, {}},
                                                                   {{}, sift}};
   for (const auto& [a, b] : pairs) {
