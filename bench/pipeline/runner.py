@@ -10,7 +10,7 @@ import sys
 import traceback
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
-NAMES = ["orient", "features", "matching", "engine", "adjustment", "mapping", "refinement", "dense", "report"]
+NAMES = ["orient", "features", "table1", "matching", "engine", "adjustment", "mapping", "refinement", "dense", "report"]
 
 
 class Figures:

@@ -6,6 +6,8 @@
 #include <cstdlib>
 
 #include "base/check.h"
+#include "stages/matching/cells.h"
+#include "stages/matching/kd_matching.h"
 #include "stages/matching/two_nearest.h"
 
 namespace rilievo::matching {
@@ -28,6 +30,22 @@ const Kernel& ProcessKernel() {
   return kernel;
 }
 
+/// Neighbours of a and, for a mutual check, of b.
+NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options& options, const RunContext& context) {
+  switch (MatcherFor(a.descriptors.size(), b.descriptors.size(), options)) {
+    case Matcher::kKdTree:
+      return FindTwoNearestByTrees(a.descriptors, b.descriptors, static_cast<std::size_t>(options.kd_checks),
+                                   options.mutual, *a.kernel, context);
+    case Matcher::kCells:
+      return FindTwoNearestInCells(a.descriptors, b.descriptors, static_cast<std::size_t>(options.visited_cells),
+                                   *a.kernel, context);
+    case Matcher::kM2:
+      break;
+  }
+  return FindTwoNearest(a, b, context);
+}
+
+constexpr double kSecondsPerComparison = 1.5e-9;
 constexpr std::uint32_t kUnclaimed = 0xffffffffU;
 
 /// The features of one sign, in their order.
@@ -59,28 +77,91 @@ std::span<const OptionDeclaration<Options>> OptionDeclarations() {
        "accept a match whose distance is less than this share of the second nearest's",
        {}},
       {"mutual", &Options::mutual, 0, 1, "", "accept a match only if it is found from both images", {}},
+      {"matcher",
+       &Options::matcher,
+       0,
+       0,
+       "",
+       "m2 compares all features with all (exact); cells and kd-tree are approximate; auto: m2 up to 2^32 comparisons "
+       "a "
+       "pair (65,536 features by 65,536), cells beyond",
+       {"auto", "m2", "cells", "kd-tree"}},
+      {"kd-checks",
+       &Options::kd_checks,
+       0,
+       1e6,
+       "",
+       "kd-tree: features compared with each one at most; 0 = as many as exact neighbours take (slow)",
+       {}},
+      {"visited-cells",
+       &Options::visited_cells,
+       1,
+       512,
+       "",
+       "cells: of up to 512 cells of similar features, how many are compared with each feature; more miss fewer "
+       "matches",
+       {}},
   };
   return declarations;
 }
 
-TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&) {
-  const std::size_t fewer = features_a < features_b ? features_a : features_b;
-  return {.peak_bytes = (1 << 16) + TwoNearestBytes(features_a, features_b) + PackedBytes(features_a) +
-                        PackedBytes(features_b) + 4 * features_b + 3 * sizeof(Match) * fewer,
-          .work = 1.5e-9 * static_cast<double>(features_a) * static_cast<double>(features_b)};
+Matcher MatcherFor(std::size_t features_a, std::size_t features_b, const Options& options) {
+  if (options.matcher == "kd-tree") return Matcher::kKdTree;
+  if (options.matcher == "cells") return Matcher::kCells;
+  if (options.matcher == "m2") return Matcher::kM2;
+  return std::uint64_t{features_a} * features_b > kMostM2Comparisons ? Matcher::kCells : Matcher::kM2;
+}
+
+TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options& options) {
+  const auto a = static_cast<double>(features_a), b = static_cast<double>(features_b);
+  const std::size_t fewer = std::min(features_a, features_b);
+  const auto visits = static_cast<std::size_t>(options.visited_cells);
+  // Of no matcher fewer features may take more: the greater of the two that `auto` chooses from.
+  std::size_t table_bytes = TwoNearestBytes(features_a, features_b) + PackedBytes(features_a) + PackedBytes(features_b);
+  double work = kSecondsPerComparison * a * b;
+  switch (MatcherFor(features_a, features_b, options)) {
+    case Matcher::kM2:
+      break;
+    case Matcher::kKdTree: {
+      const auto checks = static_cast<std::size_t>(options.kd_checks);
+      table_bytes = TwoNearestByTreesBytes(features_a, features_b, checks);
+      const double compared = checks == 0 ? std::max(a, b) : static_cast<double>(checks);
+      work = (a + b) * (2e-6 + 2e-8 * compared);
+      break;
+    }
+    case Matcher::kCells:
+      table_bytes = std::max(table_bytes, TwoNearestInCellsBytes(features_a, features_b, visits));
+      work *= std::min(1.0, 1.1 * options.visited_cells / static_cast<double>(CellCount(features_b)));
+      work += 2e-9 * a * static_cast<double>(CellCount(features_b));
+      break;
+  }
+  return {.peak_bytes = (1 << 16) + table_bytes + 4 * features_b + 3 * sizeof(Match) * fewer, .work = work};
+}
+
+Prepared Prepare(std::span<const Descriptor> descriptors, const Options& options) {
+  const bool may_sweep = options.matcher == "auto" || options.matcher == "m2";
+  return may_sweep ? Prepare(descriptors, ProcessKernel()) : Prepared{descriptors, {}, &ProcessKernel()};
 }
 
 std::vector<Match> Run(std::span<const Descriptor> a, std::span<const Descriptor> b, const Options& options,
                        RunContext& context) {
-  const NeighborTable table = FindTwoNearest(a, b, ProcessKernel(), context);
+  return Run(Prepare(a, options), Prepare(b, options), options, context);
+}
+
+std::vector<Match> Run(const Prepared& prepared_a, const Prepared& prepared_b, const Options& options,
+                       RunContext& context) {
+  const std::span<const Descriptor> a = prepared_a.descriptors, b = prepared_b.descriptors;
+  const NeighborTable table = FindNeighbors(prepared_a, prepared_b, options, context);
   const std::int64_t ratio_e4 = std::llround(options.ratio * 1e4);
   // Without the mutual check several rows may want one column: the nearest gets it, the lowest of equals.
   std::vector<std::uint32_t> claim(b.size(), kUnclaimed);
   for (std::uint32_t i = 0; i < a.size(); ++i) {
     const BestTwo& best = table.of_a[i];
     if (!PassesRatio(best, ratio_e4)) continue;
-    const BestTwo& back = table.of_b[best.index];
-    if (options.mutual && (back.index != i || !PassesRatio(back, ratio_e4))) continue;
+    if (options.mutual) {
+      const BestTwo& back = table.of_b[best.index];
+      if (back.index != i || !PassesRatio(back, ratio_e4)) continue;
+    }
     std::uint32_t& owner = claim[best.index];
     if (owner == kUnclaimed || best.first_sq < table.of_a[owner].first_sq) owner = i;
   }

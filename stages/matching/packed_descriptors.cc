@@ -91,6 +91,7 @@ void PackPanels(std::span<const Descriptor> descriptors, const Kernel& kernel, P
   for (std::size_t begin = 0; begin < descriptors.size(); begin += width) {
     const auto panel = descriptors.subspan(begin, std::min(width, descriptors.size() - begin));
     std::uint32_t* out = packed.panels.data() + begin * words;
+    if (panel.size() < width) std::fill_n(out, width * words, 0U);
     for (std::size_t k = 0; k < words; ++k, out += width) {
       if (kernel.encoding == Encoding::kBytes)
         for (std::size_t j = 0; j < panel.size(); ++j) out[j] = WordOfBytes(panel[j], k);

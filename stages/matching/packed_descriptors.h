@@ -6,6 +6,7 @@
 #include <new>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "block/features.h"
@@ -20,6 +21,12 @@ struct LineAllocator {
   static constexpr std::align_val_t kLine{64};
   T* allocate(std::size_t count) { return static_cast<T*>(::operator new(count * sizeof(T), kLine)); }
   void deallocate(T* memory, std::size_t) { ::operator delete(memory, kLine); }
+  /// Elements begin undefined where no value is given: they are written next.
+  void construct(T* place) { ::new (static_cast<void*>(place)) T; }
+  template <class... A>
+  void construct(T* place, A&&... arguments) {
+    ::new (static_cast<void*>(place)) T(std::forward<A>(arguments)...);
+  }
   friend bool operator==(LineAllocator, LineAllocator) { return true; }
 };
 

@@ -408,5 +408,51 @@ TEST(Matching, AStopRequestEndsIt) {
   EXPECT_THROW(matching::Run(a, a, {}, context), Cancelled);
 }
 
+TEST(MatcherChoice, AutoGoesByTheNumberOfComparisonsAlone) {
+  EXPECT_EQ(MatcherFor(16'384, 16'384, {}), Matcher::kM2);
+  EXPECT_EQ(MatcherFor(65'536, 65'536, {}), Matcher::kM2);
+  EXPECT_EQ(MatcherFor(65'536, 65'537, {}), Matcher::kCells);
+  EXPECT_EQ(MatcherFor(1'048'576, 4096, {}), Matcher::kM2);
+  for (const std::size_t count : {0, 100, 1'000'000}) {
+    EXPECT_EQ(MatcherFor(count, count, {.matcher = "m2"}), Matcher::kM2);
+    EXPECT_EQ(MatcherFor(count, count, {.matcher = "cells"}), Matcher::kCells);
+    EXPECT_EQ(MatcherFor(count, count, {.matcher = "kd-tree"}), Matcher::kKdTree);
+  }
+}
+
+TEST(MatcherChoice, OptionsAreCheckedAndCount) {
+  const Options plain;
+  EXPECT_NO_THROW(ValidateOptions(plain, OptionDeclarations()));
+  EXPECT_NO_THROW(ValidateOptions(Options{.matcher = "kd-tree", .kd_checks = 0}, OptionDeclarations()));
+  EXPECT_THROW(ValidateOptions(Options{.matcher = "flann"}, OptionDeclarations()), Error);
+  EXPECT_THROW(ValidateOptions(Options{.kd_checks = -1}, OptionDeclarations()), Error);
+  EXPECT_THROW(ValidateOptions(Options{.visited_cells = 0}, OptionDeclarations()), Error);
+  const std::string key = OptionKeyText(plain, OptionDeclarations());
+  for (const Options& other : {Options{.matcher = "cells"}, Options{.kd_checks = 0}, Options{.visited_cells = 4}})
+    EXPECT_NE(OptionKeyText(other, OptionDeclarations()), key);
+}
+
+TEST(MatcherChoice, TheEstimateOfACapCoversFewerFeatures) {
+  for (const char* matcher : {"auto", "m2", "cells", "kd-tree"}) {
+    const Options options{.matcher = matcher};
+    for (const std::size_t cap : {1000, 70'000, 1'000'000}) {
+      const std::uint64_t of_cap = Estimate(cap, cap, options).peak_bytes;
+      for (std::size_t fewer = cap; fewer > 0; fewer /= 3) {
+        EXPECT_GE(of_cap, Estimate(fewer, cap, options).peak_bytes) << matcher << fewer;
+        EXPECT_GE(of_cap, Estimate(cap, fewer, options).peak_bytes) << matcher << fewer;
+      }
+    }
+  }
+}
+
+TEST(MatcherChoice, AStopRequestEndsEveryMatcher) {
+  class Stopped : public SerialRunContext {
+    bool StopRequested() const override { return true; }
+  } context;
+  const Descriptors a = RandomSift(2000, 50);
+  for (const char* matcher : {"m2", "cells", "kd-tree"})
+    EXPECT_THROW(matching::Run(a, a, {.matcher = matcher, .visited_cells = 1}, context), Cancelled) << matcher;
+}
+
 }  // namespace
 }  // namespace rilievo::matching
