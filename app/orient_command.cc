@@ -2,8 +2,8 @@
 #include <fmt/format.h>
 
 #include <memory>
-#include <optional>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "app/command.h"
 #include "app/inputs.h"
@@ -181,8 +181,8 @@ void PrintPlan(const scheduling::PlanSummary& s, const OrientFlags& flags, const
   if (s.pairs_known)
     fmt::print("pairs       {} ({})\n", s.pairs, flags.pairs.network);
   else
-    fmt::print("pairs       {} known so far, of {} the fewest that matter ({}); time and disk from usual shares\n", s.pairs,
-               s.pairs_at_most, flags.pairs.network);
+    fmt::print("pairs       {} known so far, of {} the fewest that matter ({}); time and disk from usual shares\n",
+               s.pairs, s.pairs_at_most, flags.pairs.network);
   fmt::print("tasks       {} features, {} pair tiles{}{}\n", s.feature_tasks, s.pair_tasks,
              s.pairs_known ? "" : " and more", flags.until == "pairs" ? "" : ", 1 orientation");
   fmt::print("done        {} features, {} pair tiles, {} orientation\n", s.feature_tasks_done, s.pair_tasks_done,
@@ -215,8 +215,9 @@ CLI::App* AddInputCommand(CLI::App& app, const std::string& name, const std::str
   AddInputFlags(*command, flags.inputs);
   AddPairFlags(*command, flags.pairs);
   command
-      ->add_option("--until", flags.until,
-                   "Where to stop: pairs = features and relative orientations only; the same command without it goes on")
+      ->add_option(
+          "--until", flags.until,
+          "Where to stop: pairs = features and relative orientations only; the same command without it goes on")
       ->check(CLI::IsMember({"pairs", "orientation"}))
       ->capture_default_str();
   AddOptionsFile(*command, flags.options_file);

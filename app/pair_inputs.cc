@@ -17,8 +17,8 @@ using scheduling::Network;
 std::vector<ImagePair> PairsOfList(const PairFlags& flags, Inputs& inputs) {
   io::PairList list = io::ReadPairList(flags.list, inputs.block);
   if (list.left_out > 0)
-    inputs.warnings.push_back(fmt::format("{} pairs of {} name an image that cannot be used and are left out",
-                                          list.left_out, flags.list));
+    inputs.warnings.push_back(
+        fmt::format("{} pairs of {} name an image that cannot be used and are left out", list.left_out, flags.list));
   return std::move(list.pairs);
 }
 

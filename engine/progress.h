@@ -27,9 +27,9 @@ struct ProgressCounts {
 
 /// kTerminal: one line a stage, rewritten in place, and the total; kPlain: a line for each stage that changed, at most
 /// every two seconds; kJson: one object a line, {"event": "task" | "stage" | "end", "stage", "done", "total", "reused",
-/// "failed", "rate_per_s", "eta_s", "fraction", "read_bytes", "written_bytes"}, with "task", "state" and "error" in "task" events; kQuiet: nothing;
-/// kAuto: kTerminal or kPlain by what `out` is. The time left is the declared work left at the speed measured so far;
-/// null or "-" until known.
+/// "failed", "rate_per_s", "eta_s", "fraction", "read_bytes", "written_bytes"}, with "task", "state" and "error" in
+/// "task" events; kQuiet: nothing; kAuto: kTerminal or kPlain by what `out` is. The time left is the declared work left
+/// at the speed measured so far; null or "-" until known.
 class Progress : public Observer {
  public:
   using Clock = std::function<double()>;  ///< seconds, from any origin

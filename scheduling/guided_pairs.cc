@@ -53,7 +53,7 @@ ImageFeatures Sketch(const ImageFeatures& features, std::size_t count) {
 }
 
 std::uint32_t StrongMatches(std::size_t sketch_a, std::size_t sketch_b) {
-  return 4 + static_cast<std::uint32_t>(std::min(sketch_a, sketch_b) / 128);
+  return 6 + static_cast<std::uint32_t>(std::min(sketch_a, sketch_b) / 128);
 }
 
 std::vector<ImagePair> StrongPairs(std::span<const Sighting> sightings) {

@@ -36,8 +36,7 @@ ArtifactKey VisibilityKey(const PairTile& tile, const OrientOptions& options, co
   hasher.Add(OptionKeyText(options.matching, matching::OptionDeclarations()));
   hasher.Add(std::uint64_t{tile.pairs.size()});
   for (const ImagePair& pair : tile.pairs)
-    for (const ImageId id : {pair.first, pair.second})
-      hasher.Add(SketchKey(options, keys.features[id.value]).digest);
+    for (const ImageId id : {pair.first, pair.second}) hasher.Add(SketchKey(options, keys.features[id.value]).digest);
   return {"visibility", hasher.Finish()};
 }
 
@@ -105,8 +104,8 @@ void RunSketchTask(const OrientRun& run, ImageId id, TaskContext& context) {
 std::vector<Sighting> LookAtTile(const OrientRun& run, const PairTile& tile, TaskContext& context) {
   std::vector<ImageFeatures> sketches(tile.images.size());
   for (std::size_t i = 0; i < sketches.size(); ++i)
-    sketches[i] = io::DeserializeFeatures(ReadPublished(
-        run.store, SketchKey(run.options, run.keys.features[tile.images[i].value]), "sketches", context));
+    sketches[i] = io::DeserializeFeatures(
+        ReadPublished(run.store, SketchKey(run.options, run.keys.features[tile.images[i].value]), "sketches", context));
   const auto sketch_of = [&](ImageId id) -> const ImageFeatures& {
     const auto found = std::lower_bound(tile.images.begin(), tile.images.end(), id);
     return sketches[static_cast<std::size_t>(found - tile.images.begin())];
@@ -230,17 +229,16 @@ TaskId AddVisibilityTask(const std::shared_ptr<OrientRun>& run, const std::share
   std::vector<TaskId> needs;
   for (const ImageId id : tile.images) needs.push_back(sketches[id.value]);
   const TaskCost cost = VisibilityTaskCost(*run, tile);
-  return plan.Add({.name = "visibility " + std::to_string(t),
-                   .stage = "visibility",
-                   .needs = std::move(needs),
-                   .cost = cost,
-                   .memory_hint = MemoryHint(*run, cost.peak_bytes, "lower --guided-features"),
-                   .run = [run, state, t](TaskContext& context) {
-                     RunVisibilityTask(*run, state->map_tiles[t], state->sightings[t], context);
-                     context.Grow([run, state, t](engine::Plan& grown) {
-                       AddTiles(run, StrongPairs(state->sightings[t]), grown);
-                     });
-                   }});
+  return plan.Add(
+      {.name = "visibility " + std::to_string(t),
+       .stage = "visibility",
+       .needs = std::move(needs),
+       .cost = cost,
+       .memory_hint = MemoryHint(*run, cost.peak_bytes, "lower --guided-features"),
+       .run = [run, state, t](TaskContext& context) {
+         RunVisibilityTask(*run, state->map_tiles[t], state->sightings[t], context);
+         context.Grow([run, state, t](engine::Plan& grown) { AddTiles(run, StrongPairs(state->sightings[t]), grown); });
+       }});
 }
 
 }  // namespace

@@ -9,10 +9,10 @@
 
 namespace rilievo::scheduling {
 
-/// Adds the tasks of a guided block up to its pairs: features and a sketch an image, the visibility map a tile (right after
-/// its last image); the strong pairs of a map tile are added, and compared, as soon as it is done; then every image's best partners; then, round by round, the pairs that
-/// verified ones make likely, until there is none. When all pairs are done, `finish` grows the plan; its argument is the
-/// task that everything before is done with.
+/// Adds the tasks of a guided block up to its pairs: features and a sketch an image, the visibility map a tile (right
+/// after its last image); the strong pairs of a map tile are added, and compared, as soon as it is done; then every
+/// image's best partners; then, round by round, the pairs that verified ones make likely, until there is none. When all
+/// pairs are done, `finish` grows the plan; its argument is the task that everything before is done with.
 void AddGuidedTasks(const std::shared_ptr<OrientRun>& run, engine::Plan& plan,
                     std::function<void(TaskId, engine::Plan&)> finish);
 

@@ -166,16 +166,15 @@ TaskCost FeatureTaskCost(const OrientRun& run, const Image& image) {
 }
 
 TaskCost PairTaskCost(const OrientRun& run, const PairTile& tile, bool resident) {
-  const auto in_column = static_cast<std::size_t>(
-      std::count_if(tile.images.begin(), tile.images.end(),
-                    [&](ImageId id) { return id.value / TileEdge(run.block.images.size()) == tile.column; }));
+  const auto in_column =
+      static_cast<std::size_t>(std::count_if(tile.images.begin(), tile.images.end(), [&](ImageId id) {
+        return id.value / TileEdge(run.block.images.size()) == tile.column;
+      }));
   return {PairTaskBytes(run, tile.images.size() - (resident ? in_column : 0), tile.pairs.size()),
           UsualTileWork(run, tile)};
 }
 
-std::uint64_t ResidentBlockBytes(const OrientRun& run, std::size_t images) {
-  return images * Cap(run) * kFeatureBytes;
-}
+std::uint64_t ResidentBlockBytes(const OrientRun& run, std::size_t images) { return images * Cap(run) * kFeatureBytes; }
 
 TaskCost BlockTaskCost(const OrientRun& run, std::size_t images) {
   return {ResidentBlockBytes(run, images + 2), 0.001 * static_cast<double>(images)};

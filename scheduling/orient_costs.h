@@ -31,8 +31,8 @@ std::string MemoryHint(const OrientRun& run, std::uint64_t peak_bytes, const std
 /// What a run would do, without running it. Costs are of what is still to be done.
 struct PlanSummary {
   std::size_t images = 0, feature_tasks = 0, pair_tasks = 0;
-  std::size_t pairs = 0;     ///< of a guided block: those known
-  bool pairs_known = true;   ///< false: a guided block whose pairs are still to be found, `pairs_at_most` in all
+  std::size_t pairs = 0;    ///< of a guided block: those known
+  bool pairs_known = true;  ///< false: a guided block whose pairs are still to be found, `pairs_at_most` in all
   std::size_t pairs_at_most = 0;
   std::size_t feature_tasks_done = 0, pair_tasks_done = 0;
   bool orientation_done = false;

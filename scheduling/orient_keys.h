@@ -22,8 +22,9 @@ struct OrientKeys {
 };
 
 /// Keys depend on the content of the images and masks, the cameras, the options and the stage versions; those of pairs
-/// and the orientation also on the processor level (libm chooses its kernels by it); not on names, folders, memory, threads
-/// or time. Which pairs a guided block matches follows from all that: its orientation's key is known before its tiles.
+/// and the orientation also on the processor level (libm chooses its kernels by it); not on names, folders, memory,
+/// threads or time. Which pairs a guided block matches follows from all that: its orientation's key is known before its
+/// tiles.
 OrientKeys ComputeKeys(const Block& block, const OrientOptions& options, std::string_view processor_level);
 
 /// The key of one tile; of `keys` the processor level and the features count.

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <utility>
 
+#include "base/check.h"
 #include "base/cpu.h"
 #include "scheduling/feature_tasks.h"
 #include "scheduling/guided_plan.h"
@@ -29,8 +30,9 @@ void AddKnownTasks(const std::shared_ptr<OrientRun>& run, engine::Plan& plan) {
     const bool is_last = (image.id.value + 1) % edge == 0 || image.id.value + 1 == run->block.images.size();
     const auto end =
         std::find_if(next, run->tiles.end(), [&](const auto& tile) { return tile->tile.column != column; });
-    if (is_last && next != end) AddColumn(run, {next, std::exchange(next, end)}, plan);
+    if (is_last && next != end) AddColumn(run, {std::exchange(next, end), end}, plan);
   }
+  RILIEVO_CHECK(run->tile_tasks.size() == run->tiles.size());
   std::vector<TaskId> all = run->feature_tasks;
   all.insert(all.end(), run->tile_tasks.begin(), run->tile_tasks.end());
   const TaskId gathered(static_cast<std::uint32_t>(plan.size()));

@@ -28,8 +28,8 @@ struct TileRun {
 };
 
 /// Everything the tasks of a run share; must outlive the execution of the plan. Tasks write only to their own slots;
-/// `tiles` and `tile_tasks` grow with the plan, by the executor's scheduler alone, and are complete before any task looks
-/// at all of them.
+/// `tiles` and `tile_tasks` grow with the plan, by the executor's scheduler alone, and are complete before any task
+/// looks at all of them.
 struct OrientRun {
   const Block& block;
   const PixelSource& pixels;

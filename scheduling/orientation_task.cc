@@ -106,8 +106,7 @@ void RunOrientationTask(OrientRun& run, TaskContext& context) {
       std::move(output.models), std::move(output.unoriented), run.images, {}, std::move(output.warnings)};
   std::erase_if(result.unoriented,
                 [&](const UnorientedImage& u) { return !run.images[u.image.value].quarantine.empty(); });
-  for (const auto& tile : run.tiles)
-    result.pairs.insert(result.pairs.end(), tile->pairs.begin(), tile->pairs.end());
+  for (const auto& tile : run.tiles) result.pairs.insert(result.pairs.end(), tile->pairs.begin(), tile->pairs.end());
   std::sort(result.pairs.begin(), result.pairs.end(), [](const auto& a, const auto& b) { return a.pair < b.pair; });
   PublishCounted(run.store, run.keys.orientation, Serialize(result), context);
 }

@@ -10,7 +10,8 @@
 
 namespace rilievo::scheduling {
 
-/// Adds the orientation after `gathered`, before which all features and pairs are done: its cost comes from their counts.
+/// Adds the orientation after `gathered`, before which all features and pairs are done: its cost comes from their
+/// counts.
 void AddOrientationTask(const std::shared_ptr<OrientRun>& run, TaskId gathered, engine::Plan& plan);
 
 /// The finished orientation, or none when it is not there (or damaged: then it is quarantined).

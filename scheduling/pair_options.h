@@ -9,8 +9,8 @@
 
 namespace rilievo::scheduling {
 
-/// sparse: all n(n-1)/2 pairs; sequence: the 2n-3 pairs of n-2 overlapping triplets; guided: those that a fast pass on few
-/// large features and the growth around verified pairs choose; spatial: neighbours by GNSS; list: those of a file.
+/// sparse: all n(n-1)/2 pairs; sequence: the 2n-3 pairs of n-2 overlapping triplets; guided: those that a fast pass on
+/// few large features and the growth around verified pairs choose; spatial: neighbours by GNSS; list: those of a file.
 enum class Network { kSparse, kSequence, kGuided, kSpatial, kList };
 
 std::string_view NetworkName(Network network);

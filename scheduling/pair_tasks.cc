@@ -206,8 +206,7 @@ void AddColumn(const std::shared_ptr<OrientRun>& run, std::vector<std::shared_pt
 void AddTiles(const std::shared_ptr<OrientRun>& run, const std::vector<ImagePair>& pairs, engine::Plan& plan) {
   std::vector<std::shared_ptr<TileRun>> column;
   for (PairTile& tile : TilePairs(pairs, TileEdge(run->block.images.size()))) {
-    if (!column.empty() && column.back()->tile.column != tile.column)
-      AddColumn(run, std::exchange(column, {}), plan);
+    if (!column.empty() && column.back()->tile.column != tile.column) AddColumn(run, std::exchange(column, {}), plan);
     const engine::ArtifactKey key = TileKey(tile, run->block, run->options, run->keys);
     column.push_back(std::make_shared<TileRun>(TileRun{run->tiles.size(), std::move(tile), key, {}, false}));
     run->tiles.push_back(column.back());

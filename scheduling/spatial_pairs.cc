@@ -112,13 +112,15 @@ std::vector<ImagePair> SpatialPairs(std::span<const std::optional<Eigen::Vector3
   const std::vector<Place> places = Sorted(positions, axis);
   for (std::size_t at = 0; at < places.size(); ++at) {
     Reach nearest(rule);
-    Outwards(places, at, axis, [&] { return nearest.SquaredReach(); },
-             [&](std::uint32_t, double distance_sq_m2) { nearest.Offer(distance_sq_m2); });
+    Outwards(
+        places, at, axis, [&] { return nearest.SquaredReach(); },
+        [&](std::uint32_t, double distance_sq_m2) { nearest.Offer(distance_sq_m2); });
     const double reach_sq_m2 = nearest.SquaredReach();
-    Outwards(places, at, axis, [&] { return reach_sq_m2; },
-             [&](std::uint32_t other, double distance_sq_m2) {
-               if (distance_sq_m2 <= reach_sq_m2) add(places[at].image, other);
-             });
+    Outwards(
+        places, at, axis, [&] { return reach_sq_m2; },
+        [&](std::uint32_t other, double distance_sq_m2) {
+          if (distance_sq_m2 <= reach_sq_m2) add(places[at].image, other);
+        });
   }
   std::sort(pairs.begin(), pairs.end());
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());

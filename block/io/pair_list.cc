@@ -13,8 +13,8 @@
 namespace rilievo::io {
 namespace {
 
-/// The names of a line: between tabs where there is one, else between blanks; a name in double quotes is whole. None for
-/// a quote that is not closed.
+/// The names of a line: between tabs where there is one, else between blanks; a name in double quotes is whole. None
+/// for a quote that is not closed.
 std::optional<std::vector<std::string>> NamesOf(std::string_view line) {
   const std::string_view separators = line.find('\t') != std::string_view::npos ? "\t" : " ";
   std::vector<std::string> names;
@@ -84,7 +84,8 @@ class PairListReader {
   /// None where one of the two is not usable.
   std::optional<ImagePair> ReadLine(const TextLine& line) const {
     const auto names = NamesOf(line.text);
-    if (!names) throw Bad(line, "a double quote is not closed", "write each name with blanks between two double quotes");
+    if (!names)
+      throw Bad(line, "a double quote is not closed", "write each name with blanks between two double quotes");
     if (names->size() != 2)
       throw Bad(line, "holds " + std::to_string(names->size()) + " names, a pair has two",
                 "put names with blanks in double quotes, or a tab between the two");
