@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "scratch_folder.h"
+#include "tests/unit/block/io/scratch_folder.h"
 
 namespace rilievo::io {
 namespace {
