@@ -1,4 +1,5 @@
 """Which pairs are matched: guided beside all, a list, positions, matching alone; the same result whatever happens on the way."""
+import json
 import math
 import random
 import signal
@@ -48,6 +49,19 @@ class Ring(ProgramTest):
         sigma = a["sigma0_px"] / focal_px / math.sqrt(rays / 2)  # of a centre whose distance from the object is about 1
         for name, centre in centres[0].items():
             self.assertLess(math.dist(centre, centres[1][name]), sigma, name)
+
+    def test_a_block_of_columns_is_read_once_and_stays(self):
+        """48 images in 12 blocks of 4: columns 1 to 11 read their 44 images once, block i is a row of 11 - i other columns, and the one
+        tile of column 0 reads its 4; without resident blocks the 78 tiles would read 576 images."""
+        trace = self.scratch / "trace.json"
+        workspace = self.scratch / "traced"
+        self.assertEqual(self.orient(None, None, workspace, "--until", "pairs", "--trace", trace).returncode, 0)
+        read = {stage: sum(e["args"]["read_bytes"] for e in json.loads(trace.read_text())["traceEvents"] if e["ph"] == "X" and e["cat"] == stage)
+                for stage in ("blocks", "pairs")}
+        features = [p.stat().st_size for p in (workspace / "artifacts" / "features").rglob("*.art")]
+        loads = {stage: count * len(features) / sum(features) for stage, count in read.items()}
+        self.assertAlmostEqual(loads["blocks"], 44, delta=2)
+        self.assertAlmostEqual(loads["pairs"], 4 * sum(range(12)) + 4, delta=25)
 
     def test_guided_gives_the_same_bytes_with_any_threads_and_memory(self):
         exports, names = [], []
