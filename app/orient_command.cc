@@ -181,8 +181,8 @@ void PrintPlan(const scheduling::PlanSummary& s, const OrientFlags& flags, const
   if (s.pairs_known)
     fmt::print("pairs       {} ({})\n", s.pairs, flags.pairs.network);
   else
-    fmt::print("pairs       {} known so far, of {} the fewest that matter ({}); time and disk from usual shares\n",
-               s.pairs, s.pairs_at_most, flags.pairs.network);
+    fmt::print("pairs       at most {} ({}), {} known so far; time and disk from usual shares\n", s.pairs_at_most,
+               flags.pairs.network, s.pairs);
   fmt::print("tasks       {} features, {} pair tiles{}{}\n", s.feature_tasks, s.pair_tasks,
              s.pairs_known ? "" : " and more", flags.until == "pairs" ? "" : ", 1 orientation");
   fmt::print("done        {} features, {} pair tiles, {} orientation\n", s.feature_tasks_done, s.pair_tasks_done,
@@ -237,7 +237,9 @@ void AddOrientCommand(CLI::App& app, ProgramContext& context) {
       ->type_name("DIR")
       ->required();
   AddRunFlags(*command, flags->run);
-  command->footer("Example:\n  rilievo orient photos/ --calibration camera.toml --workspace block/ --memory 4GiB");
+  command->footer(
+      "Examples:\n  rilievo orient photos/ --calibration camera.toml --workspace block/ --memory 4GiB\n"
+      "  rilievo orient photos/ --calibration camera.toml --workspace block/ --network guided --until pairs");
   command->callback([flags, command, &context] {
     ApplyOptionsFile(*command, flags->options_file);
     context.exit_code = RunOrient(*flags, context);

@@ -2,6 +2,7 @@
 #include "scheduling/guided_pairs.h"
 
 #include <algorithm>
+#include <map>
 #include <numeric>
 #include <utility>
 
@@ -10,19 +11,21 @@
 namespace rilievo::scheduling {
 namespace {
 
-/// Whether two ascending lists have `least` elements in common.
-bool ShareAtLeast(const std::vector<std::uint32_t>& a, const std::vector<std::uint32_t>& b, std::size_t least) {
-  std::size_t common = 0, i = 0, j = 0;
-  while (i < a.size() && j < b.size() && common < least) {
-    if (std::min(a.size() - i, b.size() - j) < least - common) return false;
-    if (a[i] == b[j])
-      ++common, ++i, ++j;
-    else if (a[i] < b[j])
+/// Adds to `features` what `to_a` leads to of the features that are in both lists (sorted by first), until there are
+/// `least`; `features` are ascending, each once.
+void AddCommon(const std::vector<Match>& to_a, const std::vector<Match>& to_b, std::size_t least,
+               std::vector<std::uint32_t>& features) {
+  for (std::size_t i = 0, j = 0; i < to_a.size() && j < to_b.size() && features.size() < least;) {
+    if (to_a[i].first == to_b[j].first) {
+      const std::uint32_t feature = to_a[i++].second;
+      const auto place = std::lower_bound(features.begin(), features.end(), feature);
+      if (place == features.end() || *place != feature) features.insert(place, feature);
+    } else if (to_a[i].first < to_b[j].first) {
       ++i;
-    else
+    } else {
       ++j;
+    }
   }
-  return common >= least;
 }
 
 void SortUnique(std::vector<ImagePair>& pairs) {
@@ -90,40 +93,49 @@ CommonFeatures::CommonFeatures(std::size_t images)
     : images_(images), compared_(images * images, false), partners_(images) {}
 
 void CommonFeatures::Add(const TwoViewGeometry& pair) {
-  RILIEVO_CHECK(pair.pair.first < pair.pair.second && pair.pair.second.value < images_);
-  compared_[Cell(pair.pair.first, pair.pair.second)] = true;
+  const auto [first, second] = pair.pair;
+  RILIEVO_CHECK(first < second && second.value < images_);
+  compared_[Cell(first, second)] = true;
   if (!pair.IsVerified()) return;
-  Partner of_first{pair.pair.second, {}}, of_second{pair.pair.first, {}};
-  for (const Match& match : pair.inliers) {
-    of_first.features.push_back(match.first);
-    of_second.features.push_back(match.second);
+  Partner forth{second, pair.inliers}, back{first, pair.inliers};
+  for (Match& link : back.links) std::swap(link.first, link.second);
+  std::sort(forth.links.begin(), forth.links.end());
+  std::sort(back.links.begin(), back.links.end());
+  partners_[first.value].push_back(std::move(forth));
+  partners_[second.value].push_back(std::move(back));
+}
+
+std::vector<ImagePair> CommonFeatures::CandidatesOf(ImageId image, std::size_t least) const {
+  std::map<ImageId, std::vector<std::uint32_t>> reached;  // features of `image` that lead to each other one
+  for (const Partner& through : partners_[image.value]) {
+    const std::vector<Partner>& partners = partners_[through.other.value];
+    const auto back = std::find_if(partners.begin(), partners.end(), [&](const auto& p) { return p.other == image; });
+    for (const Partner& onwards : partners)
+      if (image < onwards.other && !compared_[Cell(image, onwards.other)])
+        AddCommon(back->links, onwards.links, least, reached[onwards.other]);
   }
-  std::sort(of_first.features.begin(), of_first.features.end());
-  std::sort(of_second.features.begin(), of_second.features.end());
-  partners_[pair.pair.first.value].push_back(std::move(of_first));
-  partners_[pair.pair.second.value].push_back(std::move(of_second));
+  std::vector<ImagePair> pairs;
+  for (const auto& [other, features] : reached)
+    if (features.size() >= least) pairs.push_back({image, other});
+  return pairs;
 }
 
 std::vector<ImagePair> CommonFeatures::Candidates(std::size_t least, RunContext& context) const {
-  std::vector<std::vector<ImagePair>> found(images_);  // through each image
+  std::vector<std::vector<ImagePair>> found(images_);
   context.ParallelFor(images_, 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t k = begin; k < end; ++k) {
+    for (std::size_t i = begin; i < end; ++i) {
       context.ThrowIfStopped();
-      for (const Partner& a : partners_[k])
-        for (const Partner& b : partners_[k])
-          if (a.other < b.other && !compared_[Cell(a.other, b.other)] && ShareAtLeast(a.features, b.features, least))
-            found[k].push_back({a.other, b.other});
+      found[i] = CandidatesOf(ImageId(static_cast<std::uint32_t>(i)), least);
     }
   });
-  std::vector<ImagePair> pairs;
-  for (const auto& through : found) pairs.insert(pairs.end(), through.begin(), through.end());
-  SortUnique(pairs);
+  std::vector<ImagePair> pairs;  // by first image: sorted
+  for (const auto& of_image : found) pairs.insert(pairs.end(), of_image.begin(), of_image.end());
   return pairs;
 }
 
 std::uint64_t CommonFeatures::Bytes(std::size_t images, std::uint64_t inliers) {
-  // Lists grow by doubling; the candidates found through each image, at most a few dozen partners' pairs each.
-  return images * images / 8 + 4 * inliers * sizeof(std::uint32_t) + images * 40000;
+  // Both directions; partners of partners with up to kLeastCommon features each, of the images at work.
+  return images * images / 8 + 2 * inliers * sizeof(Match) + images * 4096;
 }
 
 }  // namespace rilievo::scheduling

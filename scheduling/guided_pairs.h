@@ -41,8 +41,8 @@ std::vector<ImagePair> StrongPairs(std::span<const Sighting> sightings);
 std::vector<ImagePair> BestPartners(std::span<const Sighting> sightings, std::size_t images, std::size_t count);
 inline constexpr std::size_t kBestPartners = 4;
 
-/// What the full comparison of pairs says about pairs that were not compared: two images that share features through a
-/// third, each of them verified, most likely share them directly.
+/// What the full comparison of pairs says about pairs that were not compared: images that share features through
+/// others, each step of it verified, most likely share them directly.
 class CommonFeatures {
  public:
   explicit CommonFeatures(std::size_t images);
@@ -50,8 +50,8 @@ class CommonFeatures {
   /// A pair that was compared, with its inliers when it was verified.
   void Add(const TwoViewGeometry& pair);
 
-  /// The pairs not compared yet of which some third image has `least` features or more verified in both; sorted. Work:
-  /// images * (partners of an image)^2 * inliers of a pair.
+  /// The pairs not compared yet of which `least` different features of the first image or more lead to the second
+  /// through some third image; sorted. Work: images * (partners of an image)^2 * inliers of a pair.
   std::vector<ImagePair> Candidates(std::size_t least, RunContext& context) const;
 
   /// Memory for so many inliers in all verified pairs.
@@ -60,15 +60,16 @@ class CommonFeatures {
  private:
   struct Partner {
     ImageId other;
-    std::vector<std::uint32_t> features;  ///< of the image whose partner this is, ascending
+    std::vector<Match> links;  ///< first: feature of the image whose partner this is, ascending; second: of `other`
   };
   std::size_t Cell(ImageId a, ImageId b) const { return a.value * images_ + b.value; }
+  std::vector<ImagePair> CandidatesOf(ImageId image, std::size_t least) const;
 
   std::size_t images_;
   std::vector<bool> compared_;  ///< images x images, first < second
   std::vector<std::vector<Partner>> partners_;
 };
-/// Pairs with 30 inliers had 28 in common with a third image, those that share nothing 7 at most (decision 0012).
+/// (decision 0012)
 inline constexpr std::size_t kLeastCommon = 20;
 
 }  // namespace rilievo::scheduling

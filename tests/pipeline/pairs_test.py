@@ -42,13 +42,12 @@ class Ring(ProgramTest):
         self.assertEqual(few["oriented"], all_pairs["oriented"])
         a, b = all_pairs["models"][0], few["models"][0]
         self.assertLess(abs(a["sigma0_px"] - b["sigma0_px"]), a["sigma0_px"] / math.sqrt(2 * a["redundancy"]))
-        # Both in the datum of the mean of their projection centres: the same but for what the least pairs contribute.
+        # Both are in the datum of the mean of their projection centres, at the mean distance 1 from it: of this ring 1.7 m. Their sigma is
+        # the mean error against the exact truth.
+        truth = json.loads(rilievo("report", self.sparse, "--json", "--truth", self.block / "scene.json").stdout)["truth"]
         centres = [{i["name"]: i["center"] for i in model["images"]} for model in (a, b)]
-        rays = sum(i["rays"] for i in a["images"]) / len(a["images"])
-        focal_px = all_pairs["cameras"][0]["fx_px"]
-        sigma = a["sigma0_px"] / focal_px / math.sqrt(rays / 2)  # of a centre whose distance from the object is about 1
         for name, centre in centres[0].items():
-            self.assertLess(math.dist(centre, centres[1][name]), sigma, name)
+            self.assertLess(1.7 * math.dist(centre, centres[1][name]), truth["mean_centre_error_m"], name)
 
     def test_a_block_of_columns_is_read_once_and_stays(self):
         """48 images in 12 blocks of 4: columns 1 to 11 read their 44 images once, block i is a row of 11 - i other columns, and the one
@@ -60,7 +59,7 @@ class Ring(ProgramTest):
                 for stage in ("blocks", "pairs")}
         features = [p.stat().st_size for p in (workspace / "artifacts" / "features").rglob("*.art")]
         loads = {stage: count * len(features) / sum(features) for stage, count in read.items()}
-        self.assertAlmostEqual(loads["blocks"], 44, delta=2)
+        self.assertAlmostEqual(loads["blocks"], 44, delta=5)  # the images are not of one size
         self.assertAlmostEqual(loads["pairs"], 4 * sum(range(12)) + 4, delta=25)
 
     def test_guided_gives_the_same_bytes_with_any_threads_and_memory(self):
@@ -125,7 +124,7 @@ class Ring(ProgramTest):
     def test_a_plan_of_a_guided_block_says_what_it_can(self):
         plan = rilievo("plan", self.images, "--calibration", self.calibration, "--network", "guided")
         self.assertEqual(plan.returncode, 0, plan.stderr)
-        self.assertIn(f"of {48 * 47 // 2} the fewest that matter", plan.stdout)
+        self.assertIn(f"at most {48 * 47 // 2} (guided), 0 known so far", plan.stdout)
 
 
 class Chosen(ProgramTest):
@@ -176,8 +175,9 @@ class Chosen(ProgramTest):
         self.place(photos, (0, 1, 2, 3, 4, 5))
         _, pairs = self.spatial(photos, "--neighbours", "0", "--max-distance-m", "2.1")
         self.assertEqual(pairs, {(names[i], names[j]) for i in range(6) for j in range(i + 1, 6) if j - i <= 2})
+        self.place(photos, (0, 1, 3, 4, 6.5, 8))
         _, pairs = self.spatial(photos, "--neighbours", "1")
-        self.assertEqual(pairs, {(names[i], names[i + 1]) for i in range(5)})
+        self.assertEqual(pairs, {(names[0], names[1]), (names[2], names[3]), (names[4], names[5])})
 
     def test_an_image_without_a_position_goes_with_every_other(self):
         photos, names = self.copy_images(), self.names()
