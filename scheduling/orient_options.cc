@@ -4,6 +4,7 @@
 namespace rilievo::scheduling {
 
 void Validate(const OrientOptions& options) {
+  ValidateOptions(options.pairs, PairOptionDeclarations());
   ValidateOptions(options.features, features::OptionDeclarations());
   ValidateOptions(options.matching, matching::OptionDeclarations());
   ValidateOptions(options.verification, verification::OptionDeclarations());

@@ -1,6 +1,10 @@
 // The options of an orientation run, one group a stage.
 #pragma once
 
+#include <vector>
+
+#include "block/pair.h"
+#include "scheduling/pair_options.h"
 #include "scheduling/pair_selection.h"
 #include "stages/features/features.h"
 #include "stages/mapping/mapping.h"
@@ -12,6 +16,8 @@ namespace rilievo::scheduling {
 
 struct OrientOptions {
   Network network = Network::kSparse;
+  PairOptions pairs;
+  std::vector<ImagePair> listed;  ///< sorted: the pairs of a spatial or listed block
   features::Options features;
   matching::Options matching;
   verification::Options verification;

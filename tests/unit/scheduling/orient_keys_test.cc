@@ -121,5 +121,40 @@ TEST(ComputeKeys, AnOptionInvalidatesItsStageAndWhatFollows) {
   EXPECT_NE(ComputeKeys(block, options, "base").pairs, base.pairs);
 }
 
+TEST(ComputeKeys, AListedPairCountsForTheOrientation) {
+  const Block block = MakeBlock(5);
+  OrientOptions options;
+  options.network = Network::kList;
+  options.listed = {{ImageId(0), ImageId(1)}, {ImageId(1), ImageId(4)}};
+  const OrientKeys before = ComputeKeys(block, options, "base");
+  std::size_t pairs = 0;
+  for (const PairTile& tile : before.tiles) pairs += tile.pairs.size();
+  EXPECT_EQ(pairs, 2U);
+  options.listed.pop_back();
+  EXPECT_NE(ComputeKeys(block, options, "base").orientation, before.orientation);
+}
+
+TEST(ComputeKeys, AGuidedOrientationIsKnownBeforeItsTiles) {
+  Block block = MakeBlock(6);
+  OrientOptions options;
+  options.network = Network::kGuided;
+  const OrientKeys base = ComputeKeys(block, options, "base");
+  EXPECT_TRUE(base.tiles.empty());
+  EXPECT_FALSE(base.tiles_complete);
+  const auto orientation = [&] { return ComputeKeys(block, options, "base").orientation; };
+  EXPECT_EQ(orientation(), base.orientation);
+  EXPECT_NE(ComputeKeys(block, {}, "base").orientation, base.orientation);
+  options.pairs.neighbours += 1;
+  EXPECT_EQ(orientation(), base.orientation) << "an option of spatial blocks";
+  options.pairs.guided_features += 1;
+  EXPECT_NE(orientation(), base.orientation);
+  options.pairs = {};
+  options.matching.ratio = 0.7;
+  EXPECT_NE(orientation(), base.orientation);
+  options.matching = {};
+  block.images[2].content.bytes[0] ^= 1;
+  EXPECT_NE(orientation(), base.orientation);
+}
+
 }  // namespace
 }  // namespace rilievo::scheduling
