@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <functional>
+#include <map>
 #include <numbers>
 #include <string>
 #include <thread>
@@ -97,54 +98,77 @@ TEST_P(Descriptions, BelongToTheFeaturesOfSift) {
   EXPECT_FALSE(ComparesEqualSignsOnly(options_));
 }
 
+/// What the papers give, in bytes from 128 before rounding.
+class Papers {
+ public:
+  explicit Papers(bool is_gloh)
+      : is_gloh_(is_gloh),
+        stored_(is_gloh ? kGlohProjection : kPcaSiftProjection),
+        rows_(testing_support::ProjectionRows(stored_)),
+        offsets_(testing_support::ProjectionOffsets(stored_)) {
+    if (!is_gloh) rows_ = testing_support::GradientRows(rows_);
+  }
+  /// `gloh_step`: of the grid that GLOH is sampled on, in its units.
+  Eigen::VectorXd operator()(const testing_support::ReferenceFrame& frame, double gloh_step) const {
+    const Eigen::VectorXd input =
+        is_gloh_ ? testing_support::ReferenceGloh(frame, gloh_step) : testing_support::ReferenceGradients(frame);
+    const Eigen::VectorXd found = (is_gloh_ ? kGlohGain : kPcaSiftGain) * (rows_ * input - offsets_);
+    Eigen::VectorXd padded = Eigen::VectorXd::Zero(128);
+    padded.head(stored_.outputs) = found * std::min(1.0, kMostSignedNorm / found.norm());
+    return padded.cwiseMax(-128).cwiseMin(127);
+  }
+
+ private:
+  bool is_gloh_;
+  const StoredProjection& stored_;
+  Eigen::MatrixXd rows_;
+  Eigen::VectorXd offsets_;
+};
+
 TEST_P(Descriptions, AreThoseOfThePaper) {
-  const bool is_gloh = GetParam() == "gloh";
-  const StoredProjection& stored = is_gloh ? kGlohProjection : kPcaSiftProjection;
-  const Eigen::MatrixXd cosine_rows = testing_support::ProjectionRows(stored);
-  const Eigen::MatrixXd rows = is_gloh ? cosine_rows : testing_support::GradientRows(cosine_rows);
-  const Eigen::VectorXd offsets = testing_support::ProjectionOffsets(stored);
-  const GreyImage image = BlobTexture(300, 240, 10);
-  options_.max_features = 300;
+  const Papers papers(GetParam() == "gloh");
+  const GreyImage image = BlobTexture(440, 360, 10);
   const ImageFeatures features = Detect(image, options_);
-  std::vector<double> errors, coarseness;
-  for (int octave = -1; octave <= 0; ++octave) {
-    const double surplus = SurplusVariance_px2(octave), step_px = std::exp2(octave);
-    for (int layer = 1; layer <= kScales; ++layer) {
-      const auto plane = testing_support::AtScale(image, LayerSigma(layer, surplus) * step_px);
-      for (std::size_t i = 0; i < features.keypoints.size(); ++i) {
-        const Keypoint& k = features.keypoints[i];
-        const double nominal_sq = std::pow(k.scale_px / step_px, 2) - surplus, margin_px = 12 * k.scale_px;
-        if (!(nominal_sq > 0) || std::lround(1.5 * std::log2(nominal_sq / (kBaseSigma * kBaseSigma))) != layer ||
-            std::min(k.x_px, k.y_px) < margin_px || k.x_px > image.width_px - margin_px ||
-            k.y_px > image.height_px - margin_px)
-          continue;
-        const testing_support::ReferenceFrame frame{plane, k.x_px, k.y_px, k.scale_px, k.angle_rad};
-        const Eigen::VectorXd input =
-            is_gloh ? testing_support::ReferenceGloh(frame, 1.5) : testing_support::ReferenceGradients(frame);
-        Eigen::VectorXd expected = (is_gloh ? kGlohGain : kPcaSiftGain) * (rows * input - offsets);
-        expected *= std::min(1.0, kMostSignedNorm / expected.norm());
-        const Eigen::VectorXd found = Components(features.descriptors[i]);
-        errors.push_back((found.head(stored.outputs) - expected.cwiseMax(-128).cwiseMin(127)).norm() / expected.norm());
-        EXPECT_TRUE(found.tail(128 - stored.outputs).isZero());
-        if (is_gloh)
-          coarseness.push_back((rows * (testing_support::ReferenceGloh(frame, 0.4) - input)).norm() /
-                               (rows * input - offsets).norm());
-      }
+  // The octave of the image itself: both sample its pixels bilinearly. A feature between two layers may belong to
+  // either: the one that agrees. Those between two octaves are left out.
+  const double surplus = SurplusVariance_px2(0);
+  std::map<std::size_t, std::pair<double, double>> least;  // error, and what a finer grid would change
+  for (int layer = 1; layer <= kScales; ++layer) {
+    const auto plane = testing_support::AtScale(image, LayerSigma(layer, surplus));
+    for (std::size_t i = 0; i < features.keypoints.size(); ++i) {
+      const Keypoint& k = features.keypoints[i];
+      const double scale_sq = (k.scale_px * k.scale_px - surplus) / (kBaseSigma * kBaseSigma),
+                   margin_px = 12 * k.scale_px;
+      const double place = scale_sq > 0 ? 1.5 * std::log2(scale_sq) : 0;
+      if (place < 1 || place > kScales || std::abs(place - layer) > 0.7 || std::min(k.x_px, k.y_px) < margin_px ||
+          k.x_px > image.width_px - margin_px || k.y_px > image.height_px - margin_px)
+        continue;
+      const testing_support::ReferenceFrame frame{plane, k.x_px, k.y_px, k.scale_px, k.angle_rad};
+      const Eigen::VectorXd expected = papers(frame, 1.5);
+      const std::pair<double, double> found = {
+          (Components(features.descriptors[i]) - expected).norm() / expected.norm(),
+          (papers(frame, 0.4) - expected).norm() / expected.norm()};
+      least.emplace(i, found);
+      least[i] = std::min(least[i], found);
     }
+  }
+  std::vector<double> errors, coarseness;
+  for (const auto& [i, found] : least) {
+    errors.push_back(found.first);
+    coarseness.push_back(found.second);
   }
   ASSERT_GT(errors.size(), 100U);
   std::sort(errors.begin(), errors.end());
-  RecordProperty("median", std::to_string(Quantile(errors, 0.5)));
-  RecordProperty("most", std::to_string(errors.back()));
-  EXPECT_LT(Quantile(errors, 0.5), 0.03);
-  // A feature between two octaves may belong to the other one, whose layer is half a step sharper or softer.
-  EXPECT_LT(Quantile(errors, 0.97), 0.15);
-  // Samples 0.75 sigma apart are enough: nearly what a grid of fourteen times as many gives.
   std::sort(coarseness.begin(), coarseness.end());
-  if (is_gloh) {
-    RecordProperty("coarseness", std::to_string(Quantile(coarseness, 0.5)));
-    EXPECT_LT(Quantile(coarseness, 0.5), 0.1);
-  }
+  RecordProperty("compared", std::to_string(errors.size()));
+  RecordProperty("median", std::to_string(Quantile(errors, 0.5)));
+  RecordProperty("97_percent", std::to_string(Quantile(errors, 0.97)));
+  RecordProperty("most", std::to_string(errors.back()));
+  RecordProperty("coarseness", std::to_string(Quantile(coarseness, 0.5)));
+  EXPECT_LT(Quantile(errors, 0.5), 0.03);
+  EXPECT_LT(Quantile(errors, 0.97), 0.05);
+  // GLOH's samples 0.75 sigma apart are enough: nearly what a grid of fourteen times as many gives.
+  EXPECT_LT(Quantile(coarseness, 0.5), 0.1);
 }
 
 TEST_P(Descriptions, TurnWithTheImage) {
