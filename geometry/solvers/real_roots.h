@@ -108,7 +108,7 @@ double RefineRoot(const std::array<double, N + 1>& p, double low, double high) {
 template <int N>
 ModelList<double, N> RealRoots(std::array<double, N + 1> p) {
   using namespace real_roots_internal;
-  constexpr double kFar = 1e12;
+  constexpr double kFar = 1e12, kNearZero = 0.0030731, kNearOne = 1.0730917;
   ModelList<double, N> roots;
   const double lead = p[N];
   if (lead == 0 || !std::isfinite(lead)) return roots;
@@ -139,14 +139,15 @@ ModelList<double, N> RealRoots(std::array<double, N + 1> p) {
         continue;
       }
     }
-    // Halve the small ones; step outwards by factors where an end is far away.
+    // Halve the small ones; step outwards by factors where an end is far away. Never at a round number: rounding
+    // decides on which side of itself a root is counted, and round roots are common.
     double middle = 0.5 * (range.low + range.high);
     if (range.low < -1 && range.high > 1) {
-      middle = 0;
+      middle = kNearZero;
     } else if (range.low >= -1 && range.high > 8) {
-      middle = std::min(middle, std::max(1.0, 4 * range.low));
+      middle = std::min(middle, std::max(kNearOne, 4 * range.low));
     } else if (range.high <= 1 && range.low < -8) {
-      middle = std::max(middle, std::min(-1.0, 4 * range.high));
+      middle = std::max(middle, std::min(-kNearOne, 4 * range.high));
     }
     const int changes = chain.Changes(middle);
     stack[size++] = {middle, range.high, changes, range.changes_high};
