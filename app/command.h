@@ -61,13 +61,15 @@ void AddDeclaredOptions(CLI::App& command, S& options, std::span<const OptionDec
       std::snprintf(range, sizeof range, " (%.10g to %.10g)", d.min, d.max);
       help += range;
     }
-    command
-        .add_option_function<std::string>(
-            "--" + std::string(d.name), [&options, d](const std::string& text) { SetOptionValue(options, d, text); },
-            help)
-        ->default_str(OptionValueText(options, d))
-        ->type_name(std::holds_alternative<bool S::*>(d.member) ? "true|false" : "VALUE")
-        ->group(group);
+    const bool is_switch = std::holds_alternative<bool S::*>(d.member);
+    const auto set = [&options, d, is_switch](const std::string& text) {
+      SetOptionValue(options, d, is_switch && text.empty() ? "true" : text);
+    };
+    CLI::Option* option = command.add_option_function<std::string>("--" + std::string(d.name), set, help)->group(group);
+    if (is_switch)  // given alone, CLI11 hands over the default string: kept empty, it means true
+      option->expected(0, 1)->type_name("true|false=" + OptionValueText(options, d));
+    else
+      option->default_str(OptionValueText(options, d))->type_name("VALUE");
   }
 }
 

@@ -21,9 +21,10 @@ void PrintInfo(const StoredRun& run) {
              std::filesystem::exists(run.record.images)
                  ? ""
                  : " (not there any more: report and export work, orient needs the new place)");
-  fmt::print("network      {}\n", run.record.options.network == scheduling::Network::kSequence ? "sequence" : "sparse");
+  fmt::print("network      {}\n", scheduling::NetworkName(run.record.options.network));
   fmt::print("features     {} of {} images\n", count(run.keys.features), run.keys.features.size());
-  fmt::print("pairs        {} of {} tiles\n", count(run.keys.pairs), run.keys.pairs.size());
+  fmt::print("pairs        {} of {} tiles{}\n", count(run.keys.pairs), run.keys.pairs.size(),
+             run.keys.tiles_complete ? "" : " known so far");
   fmt::print("orientation  {}\n", result ? "done" : "not finished: run the same orient command again");
   for (const auto& warning : run.record.warnings) fmt::print("WARNING      {}\n", warning);
 

@@ -158,11 +158,6 @@ void AddInputFlags(CLI::App& command, InputFlags& flags) {
       ->check(CLI::IsMember({"corner", "center"}))
       ->capture_default_str();
   command
-      .add_option("--network", flags.network,
-                  "sparse: all n(n-1)/2 pairs; sequence: the 2n-3 pairs of successive triplets")
-      ->check(CLI::IsMember({"sparse", "sequence"}))
-      ->capture_default_str();
-  command
       .add_option("--order", flags.order,
                   "Text file with the order of a sequence, a name a line; else natural order of the names")
       ->type_name("FILE");
@@ -174,9 +169,11 @@ void AddInputFlags(CLI::App& command, InputFlags& flags) {
 }
 
 void AddStageOptions(CLI::App& command, scheduling::OrientOptions& options) {
+  AddDeclaredOptions(command, options.pairs, scheduling::PairOptionDeclarations(), "Pairs");
   AddDeclaredOptions(command, options.features, features::OptionDeclarations(), "Features");
   AddDeclaredOptions(command, options.matching, matching::OptionDeclarations(), "Matching");
   AddDeclaredOptions(command, options.verification, verification::OptionDeclarations(), "Verification");
+  AddDeclaredOptions(command, options.tracks, tracks::OptionDeclarations(), "Tie points");
   AddDeclaredOptions(command, options.mapping, mapping::OptionDeclarations(), "Mapping");
 }
 

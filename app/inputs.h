@@ -20,7 +20,6 @@ struct InputFlags {
   std::string pixel_origin = "corner";
   std::string order;
   std::string masks;  ///< folder, empty = none
-  std::string network = "sparse";
 };
 
 struct Inputs {

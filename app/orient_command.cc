@@ -3,9 +3,11 @@
 
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "app/command.h"
 #include "app/inputs.h"
+#include "app/pair_inputs.h"
 #include "app/run_flags.h"
 #include "base/cpu.h"
 #include "scheduling/orient_costs.h"
@@ -18,14 +20,16 @@ namespace {
 
 struct OrientFlags {
   InputFlags inputs;
+  PairFlags pairs;
   RunFlags run;
   scheduling::OrientOptions options;
   std::string workspace, options_file;
+  std::string until = "orientation";
 };
 
 scheduling::OrientOptions OptionsOf(const OrientFlags& flags) {
   scheduling::OrientOptions options = flags.options;
-  options.network = flags.inputs.network == "sequence" ? scheduling::Network::kSequence : scheduling::Network::kSparse;
+  options.network = NetworkOf(flags.pairs);
   scheduling::Validate(options);
   return options;
 }
@@ -75,49 +79,96 @@ void PrintResult(const reporting::Report& report, const OrientationResult& resul
   throw Error(ErrorCode::kInvalidInput, "", why, "all reasons are in " + (workspace.dir() / "report.txt").string());
 }
 
-/// Runs what is missing and reads the result back.
-OrientationResult Execute(std::shared_ptr<scheduling::OrientRun> run, const PlanRunner& runner,
-                          const scheduling::Workspace& workspace) {
+/// What was matched, and the bytes that it moved from and to disk.
+void PrintPairs(const scheduling::OrientRun& run, const engine::Plan& plan, const engine::ExecutionReport& report) {
+  std::size_t pairs = 0, verified = 0, matched = 0;
+  for (const auto& tile : run.tiles) {
+    pairs += tile->pairs.size();
+    matched += tile->reused ? 0 : tile->pairs.size();
+    for (const PairSummary& pair : tile->pairs) verified += pair.model != TwoViewModel::kRejected ? 1 : 0;
+  }
+  std::uint64_t read_bytes = 0, written_bytes = 0;
+  for (const char* stage : {"blocks", "pairs"}) {
+    for (const TaskId id : plan.FindByStage(stage)) {
+      read_bytes += report.outcomes[id.value].read_bytes;
+      written_bytes += report.outcomes[id.value].written_bytes;
+    }
+  }
+  fmt::print("{} pairs compared ({} of them now), {} verified", pairs, matched, verified);
+  if (matched > 0)
+    fmt::print("; {} read and {} written, {} a pair", FormatBytes(read_bytes), FormatBytes(written_bytes),
+               FormatBytes((read_bytes + written_bytes) / matched));
+  fmt::print("\n");
+}
+
+/// Runs what is missing and reads the result back; none when the run ends with the pairs.
+std::optional<OrientationResult> Execute(const std::shared_ptr<scheduling::OrientRun>& run, const PlanRunner& runner,
+                                         const scheduling::Workspace& workspace, bool quiet) {
   engine::Plan plan = scheduling::MakeOrientPlan(run);
-  runner.Run(plan);
+  const engine::ExecutionReport report = runner.Run(plan);
+  if (!quiet) PrintPairs(*run, plan, report);
+  if (run->goal == scheduling::Goal::kPairs) return std::nullopt;
   auto result = scheduling::LoadOrientation(run->store, run->keys);
   if (!result)
     throw Error(ErrorCode::kIo, workspace.dir().string(), "the orientation was written but cannot be read back",
                 "check the disk");
-  return std::move(*result);
+  return result;
+}
+
+/// Writes and prints what an orientation says.
+void Report(const Inputs& inputs, const OrientationResult& result, const scheduling::Workspace& workspace, bool quiet,
+            ProgramContext& context) {
+  const reporting::Report report = reporting::Summarize(inputs.block, result);
+  WriteReports(workspace, inputs.block, result, report, inputs.warnings);
+  if (!quiet)
+    for (const auto& warning : result.warnings) PrintWarning(context, warning);
+  if (report.models.empty()) FailUnoriented(inputs.block, result, report, workspace);
+  if (!quiet) PrintResult(report, result, workspace);
+}
+
+/// A run as the flags ask for it; `options` get the pairs that come from outside.
+scheduling::OrientRun PlannedRun(const OrientFlags& flags, scheduling::OrientOptions& options, Inputs& inputs,
+                                 const scheduling::Workspace& workspace, const PlanRunner& runner,
+                                 ProgramContext& context) {
+  const std::size_t known = inputs.warnings.size();
+  ListPairs(flags.pairs, inputs, options);
+  if (!flags.run.quiet)
+    for (std::size_t i = known; i < inputs.warnings.size(); ++i) PrintWarning(context, inputs.warnings[i]);
+  scheduling::OrientRun run(inputs.block, *inputs.pixels, inputs.masks.get(), workspace.store(), options,
+                            runner.overhead_bytes());
+  run.budget_bytes = runner.limits().budget_bytes;
+  run.goal = flags.until == "pairs" ? scheduling::Goal::kPairs : scheduling::Goal::kOrientation;
+  return run;
 }
 
 int RunOrient(const OrientFlags& flags, ProgramContext& context) {
-  const scheduling::OrientOptions options = OptionsOf(flags);
+  scheduling::OrientOptions options = OptionsOf(flags);
   PlanRunner runner(flags.run, context);
   const auto found = scheduling::Workspace::ForPlanning(flags.workspace);
   Inputs inputs = LoadUsableInputs(flags, runner, context);
-  scheduling::OrientRun planned(inputs.block, *inputs.pixels, inputs.masks.get(), found.store(), options,
-                                runner.overhead_bytes());
-  planned.budget_bytes = runner.limits().budget_bytes;
+  const scheduling::OrientRun planned = PlannedRun(flags, options, inputs, found, runner, context);
   std::optional<OrientationResult> result = scheduling::LoadOrientation(found.store(), planned.keys);
-  if (!result)
-    scheduling::RefuseWhatCannotFit(
-        scheduling::Summarize(planned, runner.limits().budget_bytes, runner.limits().threads),
-        runner.limits().budget_bytes, runner.overhead_bytes(), found.dir());
-
+  bool done = result.has_value();
+  if (!result) {
+    const auto summary = scheduling::Summarize(planned, runner.limits().budget_bytes, runner.limits().threads);
+    done = scheduling::IsDone(summary, planned.goal);
+    scheduling::RefuseWhatCannotFit(summary, runner.limits().budget_bytes, runner.overhead_bytes(), found.dir());
+  }
   const scheduling::RunRecord record{
       inputs.images, inputs.from_scene, inputs.block, options, std::string(ProcessorLevel()), inputs.warnings};
-  if (result) {
+  if (done) {
     found.WriteRecord(record);
-    if (!flags.run.quiet) fmt::print("nothing to do: this orientation is already in {}\n", found.dir().string());
+    if (!flags.run.quiet)
+      fmt::print("nothing to do: {} already in {}\n", result ? "this orientation is" : "these pairs are",
+                 found.dir().string());
   } else {
     const auto workspace = scheduling::Workspace::OpenOrCreate(flags.workspace);
     workspace.RemoveReports();
     workspace.WriteRecord(record);
-    result = Execute(std::make_shared<scheduling::OrientRun>(planned, workspace.store()), runner, workspace);
+    const auto run = std::make_shared<scheduling::OrientRun>(planned, workspace.store());
+    result = Execute(run, runner, workspace, flags.run.quiet);
   }
-  const reporting::Report report = reporting::Summarize(inputs.block, *result);
-  WriteReports(found, inputs.block, *result, report, inputs.warnings);
-  if (!flags.run.quiet)
-    for (const auto& warning : result->warnings) PrintWarning(context, warning);
-  if (report.models.empty()) FailUnoriented(inputs.block, *result, report, found);
-  if (!flags.run.quiet) PrintResult(report, *result, found);
+  if (result) Report(inputs, *result, found, flags.run.quiet, context);
   return kExitDone;
 }
 
@@ -127,8 +178,13 @@ void PrintPlan(const scheduling::PlanSummary& s, const OrientFlags& flags, const
   for (const Image& image : inputs.block.images) megapixels += 1e-6 * image.width_px * image.height_px;
   fmt::print("images      {} ({:.1f} Mpx in all), {} camera{}, {} files quarantined\n", s.images, megapixels,
              inputs.block.cameras.size(), inputs.block.cameras.size() == 1 ? "" : "s", inputs.block.quarantined.size());
-  fmt::print("pairs       {} ({})\n", s.pairs, flags.inputs.network);
-  fmt::print("tasks       {} features, {} pair tiles, 1 orientation\n", s.feature_tasks, s.pair_tasks);
+  if (s.pairs_known)
+    fmt::print("pairs       {} ({})\n", s.pairs, flags.pairs.network);
+  else
+    fmt::print("pairs       at most {} ({}), {} known so far; time and disk from usual shares\n", s.pairs_at_most,
+               flags.pairs.network, s.pairs);
+  fmt::print("tasks       {} features, {} pair tiles{}{}\n", s.feature_tasks, s.pair_tasks,
+             s.pairs_known ? "" : " and more", flags.until == "pairs" ? "" : ", 1 orientation");
   fmt::print("done        {} features, {} pair tiles, {} orientation\n", s.feature_tasks_done, s.pair_tasks_done,
              s.orientation_done ? 1 : 0);
   fmt::print("memory      {} allowed; the program itself {}", FormatBytes(runner.limits().memory_bytes),
@@ -142,14 +198,12 @@ void PrintPlan(const scheduling::PlanSummary& s, const OrientFlags& flags, const
 
 /// Says what a run would do, and refuses what orient would refuse.
 int RunPlan(const OrientFlags& flags, ProgramContext& context) {
-  const scheduling::OrientOptions options = OptionsOf(flags);
+  scheduling::OrientOptions options = OptionsOf(flags);
   PlanRunner runner(flags.run, context);
   const auto workspace =
       scheduling::Workspace::ForPlanning(flags.workspace.empty() ? "rilievo-workspace" : flags.workspace);
-  const Inputs inputs = LoadUsableInputs(flags, runner, context);
-  scheduling::OrientRun run(inputs.block, *inputs.pixels, inputs.masks.get(), workspace.store(), options,
-                            runner.overhead_bytes());
-  run.budget_bytes = runner.limits().budget_bytes;
+  Inputs inputs = LoadUsableInputs(flags, runner, context);
+  const scheduling::OrientRun run = PlannedRun(flags, options, inputs, workspace, runner, context);
   const auto summary = scheduling::Summarize(run, runner.limits().budget_bytes, runner.limits().threads);
   PrintPlan(summary, flags, inputs, runner, workspace.dir());
   scheduling::RefuseWhatCannotFit(summary, runner.limits().budget_bytes, runner.overhead_bytes(), workspace.dir());
@@ -159,6 +213,13 @@ int RunPlan(const OrientFlags& flags, ProgramContext& context) {
 CLI::App* AddInputCommand(CLI::App& app, const std::string& name, const std::string& description, OrientFlags& flags) {
   CLI::App* command = app.add_subcommand(name, description);
   AddInputFlags(*command, flags.inputs);
+  AddPairFlags(*command, flags.pairs);
+  command
+      ->add_option(
+          "--until", flags.until,
+          "Where to stop: pairs = features and relative orientations only; the same command without it goes on")
+      ->check(CLI::IsMember({"pairs", "orientation"}))
+      ->capture_default_str();
   AddOptionsFile(*command, flags.options_file);
   AddStageOptions(*command, flags.options);
   return command;
@@ -176,7 +237,9 @@ void AddOrientCommand(CLI::App& app, ProgramContext& context) {
       ->type_name("DIR")
       ->required();
   AddRunFlags(*command, flags->run);
-  command->footer("Example:\n  rilievo orient photos/ --calibration camera.toml --workspace block/ --memory 4GiB");
+  command->footer(
+      "Examples:\n  rilievo orient photos/ --calibration camera.toml --workspace block/ --memory 4GiB\n"
+      "  rilievo orient photos/ --calibration camera.toml --workspace block/ --network guided --until pairs");
   command->callback([flags, command, &context] {
     ApplyOptionsFile(*command, flags->options_file);
     context.exit_code = RunOrient(*flags, context);

@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include "scheduling/guided_plan.h"
 #include "scheduling/orient_plan.h"
 
 namespace rilievo::app {
@@ -12,6 +13,7 @@ StoredRun OpenRun(const std::filesystem::path& dir) {
   std::optional<scheduling::RunRecord> record = workspace.ReadRecord();
   if (!record) throw Error(ErrorCode::kNotFound, dir.string(), "holds no run", "run rilievo orient first");
   scheduling::OrientKeys keys = scheduling::ComputeKeys(record->block, record->options, record->processor_level);
+  if (!keys.tiles_complete) scheduling::FindGuidedTiles(record->block, record->options, workspace.store(), keys);
   return {std::move(workspace), std::move(*record), std::move(keys)};
 }
 

@@ -7,6 +7,7 @@
 
 #include "block/model.h"
 #include "block/pair.h"
+#include "block/tie_summary.h"
 
 namespace rilievo {
 
@@ -30,6 +31,7 @@ struct OrientationResult {
   std::vector<ImageSummary> images;         ///< by image id
   std::vector<PairSummary> pairs;           ///< sorted by pair
   std::vector<std::string> warnings = {};   ///< what speaks against the models, one line each
+  TieSummary ties = {};
 };
 
 }  // namespace rilievo

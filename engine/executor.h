@@ -27,7 +27,8 @@ enum class TaskState : std::uint8_t { kPending, kRunning, kDone, kFailed, kSkipp
 struct TaskOutcome {
   TaskState state = TaskState::kPending;
   bool reused = false;
-  std::string error;  ///< one line, for kFailed
+  std::uint64_t read_bytes = 0, written_bytes = 0;  ///< counted by the task
+  std::string error;                                ///< one line, for kFailed
 };
 
 struct TaskSpan {

@@ -111,6 +111,8 @@ void Progress::OnTaskFinished(TaskId id, const Task& task, const TaskOutcome& ou
   counts.failed += outcome.state == TaskState::kFailed;
   counts.skipped += outcome.state == TaskState::kSkipped;
   counts.cancelled += outcome.state == TaskState::kCancelled;
+  counts.read_bytes += outcome.read_bytes;
+  counts.written_bytes += outcome.written_bytes;
   counts.last_end_s = now_s_();
   if (running_.erase(id) > 0 && outcome.state == TaskState::kDone && !outcome.reused) {
     ++counts.computed;
@@ -138,6 +140,8 @@ ProgressCounts Progress::Sum() const {
     sum.ended_work += counts.ended_work;
     sum.computed_work += counts.computed_work;
     sum.computed += counts.computed;
+    sum.read_bytes += counts.read_bytes;
+    sum.written_bytes += counts.written_bytes;
     const bool earlier =
         counts.first_start_s >= 0 && (sum.first_start_s < 0 || counts.first_start_s < sum.first_start_s);
     if (earlier) sum.first_start_s = counts.first_start_s;
@@ -249,7 +253,8 @@ void Progress::PrintJson(const char* event, const std::string& stage, const Prog
                      ",\"reused\":" + std::to_string(counts.reused) + ",\"failed\":" + std::to_string(counts.failed) +
                      Format(",\"rate_per_s\":%.6g", estimate.rate_per_s);
   line += estimate.eta_s < 0 ? ",\"eta_s\":null" : Format(",\"eta_s\":%.6g", estimate.eta_s);
-  line += Format(",\"fraction\":%.6g", estimate.fraction) + more + "}\n";
+  line += Format(",\"fraction\":%.6g", estimate.fraction) + ",\"read_bytes\":" + std::to_string(counts.read_bytes) +
+          ",\"written_bytes\":" + std::to_string(counts.written_bytes) + more + "}\n";
   std::fputs(line.c_str(), out_);
   std::fflush(out_);
 }

@@ -21,14 +21,15 @@ struct ProgressCounts {
   double total_work = 0, ended_work = 0;  ///< declared; every task counts for a little
   double computed_work = 0;               ///< of tasks that ran and were not reused: only these tell the speed
   std::size_t computed = 0;
+  std::uint64_t read_bytes = 0, written_bytes = 0;
   double first_start_s = -1, last_end_s = 0;
 };
 
 /// kTerminal: one line a stage, rewritten in place, and the total; kPlain: a line for each stage that changed, at most
 /// every two seconds; kJson: one object a line, {"event": "task" | "stage" | "end", "stage", "done", "total", "reused",
-/// "failed", "rate_per_s", "eta_s", "fraction"}, with "task", "state" and "error" in "task" events; kQuiet: nothing;
-/// kAuto: kTerminal or kPlain by what `out` is. The time left is the declared work left at the speed measured so far;
-/// null or "-" until known.
+/// "failed", "rate_per_s", "eta_s", "fraction", "read_bytes", "written_bytes"}, with "task", "state" and "error" in
+/// "task" events; kQuiet: nothing; kAuto: kTerminal or kPlain by what `out` is. The time left is the declared work left
+/// at the speed measured so far; null or "-" until known.
 class Progress : public Observer {
  public:
   using Clock = std::function<double()>;  ///< seconds, from any origin

@@ -45,6 +45,8 @@ TaskOutcome Guarded(const std::string& name, Body&& body) {
 TaskOutcome TaskRun::Execute(const Task& task) noexcept {
   TaskOutcome outcome = Guarded(task.name, [&] { task.run(*this); });
   outcome.reused = outcome.state == TaskState::kDone && reused_.load(std::memory_order_relaxed);
+  outcome.read_bytes = read_bytes();
+  outcome.written_bytes = written_bytes();
   return outcome;
 }
 

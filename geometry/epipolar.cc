@@ -48,15 +48,21 @@ RayIntersection IntersectRays(const Rigid3& second_from_first, const Eigen::Vect
 
 PoseSelection SelectPose(const Eigen::Matrix3d& essential, std::span<const Eigen::Vector2d> first,
                          std::span<const Eigen::Vector2d> second) {
-  PoseSelection best;
-  bool any = false;
-  for (const Rigid3& pose : DecomposeEssential(essential)) {
-    std::size_t in_front = 0;
-    for (std::size_t i = 0; i < first.size(); ++i)
-      in_front += IntersectRays(pose, first[i], second[i]).in_front ? 1 : 0;
-    if (any && in_front <= best.in_front) continue;
-    best = {pose, in_front};
-    any = true;
+  const std::array<Rigid3, 4> poses = DecomposeEssential(essential);
+  PoseSelection best{poses[0], 0};
+  for (std::size_t k = 0; k < poses.size(); k += 2) {  // the second of two has -t: there both depths change sign
+    const Eigen::Matrix3d rotation = poses[k].RotationMatrix();
+    const Eigen::Vector3d& t = poses[k].translation;
+    std::array<std::size_t, 2> in_front{};
+    for (std::size_t i = 0; i < first.size(); ++i) {
+      const Eigen::Vector3d u = rotation * first[i].homogeneous(), v = second[i].homogeneous(), n = u.cross(v);
+      const double a = t.cross(v).dot(n), b = t.cross(u).dot(n);
+      in_front[0] += a < 0 && b < 0 ? 1 : 0;
+      in_front[1] += a > 0 && b > 0 ? 1 : 0;
+    }
+    for (std::size_t side = 0; side < 2; ++side) {
+      if (in_front[side] > best.in_front) best = {poses[k + side], in_front[side]};
+    }
   }
   return best;
 }

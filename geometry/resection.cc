@@ -9,6 +9,7 @@
 
 #include "base/check.h"
 #include "geometry/robust/estimate.h"
+#include "geometry/solvers/model_list.h"
 #include "geometry/solvers/p3p.h"
 #include "geometry/triangulation.h"
 

@@ -4,13 +4,13 @@
 #include <algorithm>
 
 #include "base/units.h"
+#include "scheduling/guided_plan.h"
 #include "scheduling/workspace.h"
 #include "stages/tracks/tracks.h"
 
 namespace rilievo::scheduling {
 namespace {
 
-constexpr std::uint64_t kFeatureBytes = sizeof(Keypoint) + sizeof(Descriptor) + sizeof(Rgb);
 /// Usual on photographs of stone and plaster at the default contrast: 3300 features a megapixel, below the cap by a
 /// third; one in seven matches in a pair that overlaps, and an image overlaps at most some thirty others.
 constexpr double kUsualFeaturesPerPixel = 5e-3;
@@ -25,16 +25,33 @@ std::uint64_t UsualFeatures(const OrientRun& run, const Image& image) {
   return std::min(Cap(run), static_cast<std::uint64_t>(pixels * kUsualFeaturesPerPixel)) * 2 / 3;
 }
 
-/// Seconds of a tile at the usual numbers of features: matching is quadratic in them.
-double UsualPairWork(const OrientRun& run, const PairTile& tile) {
+/// Seconds of a pair at the usual numbers of features: matching is quadratic in them.
+double UsualPairWork(const OrientRun& run, const ImagePair& pair) {
+  const std::uint64_t a = UsualFeatures(run, run.block.image(pair.first));
+  const std::uint64_t b = UsualFeatures(run, run.block.image(pair.second));
+  return matching::Estimate(a, b, run.options.matching).work +
+         verification::Estimate(std::min(a, b) / kUsualFeaturesPerMatch).work;
+}
+
+double UsualTileWork(const OrientRun& run, const PairTile& tile) {
   double work_s = 0;
-  for (const ImagePair& pair : tile.pairs) {
-    const std::uint64_t a = UsualFeatures(run, run.block.image(pair.first));
-    const std::uint64_t b = UsualFeatures(run, run.block.image(pair.second));
-    work_s += matching::Estimate(a, b, run.options.matching).work +
-              verification::Estimate(std::min(a, b) / kUsualFeaturesPerMatch).work;
-  }
+  for (const ImagePair& pair : tile.pairs) work_s += UsualPairWork(run, pair);
   return work_s;
+}
+
+/// The features of an image and what the matcher reads of them.
+std::uint64_t LoadedImageBytes(const OrientRun& run) {
+  return Cap(run) * kFeatureBytes + matching::PackedBytes(static_cast<std::size_t>(Cap(run)));
+}
+
+/// `images` loaded images and `pairs` of them. The features of every image, payload and parsed for the one being read;
+/// matching and verification of one pair; the inliers of all pairs and their payload.
+std::uint64_t PairTaskBytes(const OrientRun& run, std::size_t images, std::size_t pairs) {
+  const auto cap = static_cast<std::size_t>(Cap(run));
+  const TaskCost match = matching::Estimate(cap, cap, run.options.matching), verify = verification::Estimate(cap);
+  const std::uint64_t result_bytes = pairs * (cap * sizeof(Match) + sizeof(TwoViewGeometry)) * 2;
+  const std::uint64_t loading_bytes = images > 0 ? images * LoadedImageBytes(run) + 2 * cap * kFeatureBytes : 0;
+  return loading_bytes + match.peak_bytes + verify.peak_bytes + result_bytes;
 }
 
 class SummaryBuilder {
@@ -44,11 +61,16 @@ class SummaryBuilder {
 
   PlanSummary Build() {
     s_.images = s_.feature_tasks = run_.block.images.size();
-    s_.pair_tasks = run_.keys.tiles.size();
+    s_.pairs_at_most = s_.images * (s_.images - std::min<std::size_t>(s_.images, 1)) / 2;
+    OrientKeys keys = run_.keys;
+    if (!keys.tiles_complete) FindGuidedTiles(run_.block, run_.options, run_.store, keys);
+    s_.pair_tasks = keys.tiles.size();
+    s_.pairs_known = keys.tiles_complete;
     s_.orientation_done = run_.store.Exists(run_.keys.orientation);
     for (const Image& image : run_.block.images) AddImage(image);
-    for (std::size_t t = 0; t < run_.keys.tiles.size(); ++t) AddTile(t);
-    if (!s_.orientation_done) AddOrientation();
+    for (std::size_t t = 0; t < keys.tiles.size(); ++t) AddTile(keys.tiles[t], keys.pairs[t], t);
+    if (!s_.pairs_known && !s_.orientation_done) AddUnknownPairs();
+    if (!s_.orientation_done && run_.goal == Goal::kOrientation) AddOrientation();
     s_.work_s = features_s_ + pairs_s_ + orientation_s_;
     s_.time_s = std::max(features_s_ / lanes_, (features_s_ + pairs_s_) / threads_) + orientation_s_;
     return s_;
@@ -78,24 +100,45 @@ class SummaryBuilder {
     lanes_ = std::min(lanes_, static_cast<int>(std::min<std::uint64_t>(at_once, 1024)));
   }
 
-  void AddTile(std::size_t t) {
-    const PairTile& tile = run_.keys.tiles[t];
+  void AddTile(const PairTile& tile, const engine::ArtifactKey& key, std::size_t t) {
     s_.pairs += tile.pairs.size();
-    if (run_.store.Exists(run_.keys.pairs[t])) {
+    if (run_.store.Exists(key)) {
       ++s_.pair_tasks_done;
       return;
     }
     if (s_.orientation_done) return;
-    Consider(PairTaskCost(run_, tile).peak_bytes, "pairs " + std::to_string(t), "lower --max-features");
+    // Its columns are resident beside it; a tile alone in its column would hold the same images itself.
+    const std::uint64_t resident_bytes = ResidentBlockBytes(run_, std::min(tile.images.size(), TileEdge(s_.images)));
+    Consider(resident_bytes + PairTaskCost(run_, tile, true).peak_bytes, "pairs " + std::to_string(t),
+             "lower --max-features");
     s_.disk_bytes += tile.pairs.size() * 300;
-    pairs_s_ += UsualPairWork(run_, tile);
+    pairs_s_ += UsualTileWork(run_, tile);
+  }
+
+  /// A guided block: the map, and as many pairs as usually overlap.
+  void AddUnknownPairs() {
+    const std::size_t edge = TileEdge(s_.images);
+    Consider(PairTaskBytes(run_, 2 * edge, edge * edge), "pairs (a whole tile)", "lower --max-features");
+    Consider(SketchTaskCost(run_).peak_bytes, "sketch", "lower --max-features");
+    for (const PairTile& tile : VisibilityTiles(s_.images)) {
+      const TaskCost cost = VisibilityTaskCost(run_, tile);
+      Consider(cost.peak_bytes, "visibility map", "lower --guided-features");
+      pairs_s_ += cost.work;
+    }
+    const std::uint64_t sketch = static_cast<std::uint64_t>(run_.options.pairs.guided_features) * kFeatureBytes;
+    s_.disk_bytes += s_.images * sketch + 8 * s_.pairs_at_most;
+    const std::size_t usual = std::min(s_.pairs_at_most, kUsualPairsPerImage * s_.images);
+    if (usual <= s_.pairs) return;
+    pairs_s_ += static_cast<double>(usual - s_.pairs) * UsualPairWork(run_, {ImageId(0), ImageId(1)});
+    s_.disk_bytes += (usual - s_.pairs) * 300;
   }
 
   void AddOrientation() {
-    const std::uint64_t overlapping = std::min(s_.pairs, kUsualPairsPerImage * s_.images);
+    const std::uint64_t overlapping =
+        std::min(s_.pairs_known ? s_.pairs : s_.pairs_at_most, kUsualPairsPerImage * s_.images);
     const std::uint64_t inliers =
         overlapping * features_ / std::max<std::uint64_t>(1, s_.images) / kUsualFeaturesPerMatch;
-    if (s_.pair_tasks_done < s_.pair_tasks) s_.disk_bytes += inliers * sizeof(Match);
+    if (s_.pair_tasks_done < s_.pair_tasks || !s_.pairs_known) s_.disk_bytes += inliers * sizeof(Match);
     const TaskCost cost = OrientationTaskCost(run_, features_, inliers);
     Consider(cost.peak_bytes, "orientation (estimated)", "lower --max-features");
     orientation_s_ = cost.work;
@@ -127,13 +170,19 @@ TaskCost FeatureTaskCost(const OrientRun& run, const Image& image) {
   return cost;
 }
 
-TaskCost PairTaskCost(const OrientRun& run, const PairTile& tile) {
-  const auto cap = static_cast<std::size_t>(Cap(run));
-  const TaskCost match = matching::Estimate(cap, cap, run.options.matching), verify = verification::Estimate(cap);
-  // The features of every image, payload and parsed for the one being read; the matches of all pairs and their payload.
-  const std::uint64_t result_bytes = tile.pairs.size() * (cap * sizeof(Match) + sizeof(TwoViewGeometry)) * 2;
-  return {cap * kFeatureBytes * (tile.images.size() + 2) + match.peak_bytes + verify.peak_bytes + result_bytes,
-          UsualPairWork(run, tile)};
+TaskCost PairTaskCost(const OrientRun& run, const PairTile& tile, bool resident) {
+  const auto in_column =
+      static_cast<std::size_t>(std::count_if(tile.images.begin(), tile.images.end(), [&](ImageId id) {
+        return id.value / TileEdge(run.block.images.size()) == tile.column;
+      }));
+  return {PairTaskBytes(run, tile.images.size() - (resident ? in_column : 0), tile.pairs.size()),
+          UsualTileWork(run, tile)};
+}
+
+std::uint64_t ResidentBlockBytes(const OrientRun& run, std::size_t images) { return images * LoadedImageBytes(run); }
+
+TaskCost BlockTaskCost(const OrientRun& run, std::size_t images) {
+  return {ResidentBlockBytes(run, images) + 2 * Cap(run) * kFeatureBytes, 0.001 * static_cast<double>(images)};
 }
 
 TaskCost OrientationTaskCost(const OrientRun& run, std::uint64_t features, std::uint64_t inliers) {
@@ -147,6 +196,11 @@ TaskCost OrientationTaskCost(const OrientRun& run, std::uint64_t features, std::
 std::string MemoryHint(const OrientRun& run, std::uint64_t peak_bytes, const std::string& otherwise) {
   return "use --memory " + std::to_string((peak_bytes + run.overhead_bytes) / kMebibyte + 1) + "MiB or more, or " +
          otherwise;
+}
+
+bool IsDone(const PlanSummary& s, Goal goal) {
+  const bool pairs_done = s.pairs_known && s.pair_tasks_done == s.pair_tasks && s.feature_tasks_done == s.feature_tasks;
+  return s.orientation_done || (goal == Goal::kPairs && pairs_done);
 }
 
 PlanSummary Summarize(const OrientRun& run, std::uint64_t budget_bytes, int threads) {

@@ -10,11 +10,18 @@
 
 namespace rilievo::scheduling {
 
+/// Of one feature in memory and in its artifact.
+inline constexpr std::uint64_t kFeatureBytes = sizeof(Keypoint) + sizeof(Descriptor) + sizeof(Rgb);
+
 /// How an image is cut while its features are detected, within what a task may hold.
 features::Tiling FeatureTiling(const OrientRun& run, const Image& image);
 /// Upper bounds from the image sizes and the caps of the options.
 TaskCost FeatureTaskCost(const OrientRun& run, const Image& image);
-TaskCost PairTaskCost(const OrientRun& run, const PairTile& tile);
+/// `resident`: the features of the tile's columns are in the resident block, which is charged apart.
+TaskCost PairTaskCost(const OrientRun& run, const PairTile& tile, bool resident);
+/// What a resident block of so many images keeps, and what its task needs while it loads it.
+std::uint64_t ResidentBlockBytes(const OrientRun& run, std::size_t images);
+TaskCost BlockTaskCost(const OrientRun& run, std::size_t images);
 /// From the numbers of features and of matches in verified pairs, all images together.
 TaskCost OrientationTaskCost(const OrientRun& run, std::uint64_t features, std::uint64_t inliers);
 
@@ -23,7 +30,10 @@ std::string MemoryHint(const OrientRun& run, std::uint64_t peak_bytes, const std
 
 /// What a run would do, without running it. Costs are of what is still to be done.
 struct PlanSummary {
-  std::size_t images = 0, pairs = 0, feature_tasks = 0, pair_tasks = 0;
+  std::size_t images = 0, feature_tasks = 0, pair_tasks = 0;
+  std::size_t pairs = 0;    ///< of a guided block: those known
+  bool pairs_known = true;  ///< false: a guided block whose pairs are still to be found, `pairs_at_most` in all
+  std::size_t pairs_at_most = 0;
   std::size_t feature_tasks_done = 0, pair_tasks_done = 0;
   bool orientation_done = false;
   std::uint64_t peak_bytes = 0;  ///< largest task; the orientation's from the usual number of features
@@ -33,6 +43,9 @@ struct PlanSummary {
   double work_s = 0;  ///< CPU seconds
   double time_s = 0;  ///< wall time on `threads` within `budget_bytes`
 };
+
+/// Whether what the run was asked for is there.
+bool IsDone(const PlanSummary& summary, Goal goal);
 
 PlanSummary Summarize(const OrientRun& run, std::uint64_t budget_bytes, int threads);
 

@@ -2,19 +2,16 @@
 #pragma once
 
 #include <memory>
-#include <optional>
 
-#include "block/orientation_result.h"
 #include "engine/plan.h"
 #include "scheduling/orient_run.h"
+#include "scheduling/orientation_task.h"
 
 namespace rilievo::scheduling {
 
-/// The plan: one task an image, one a tile of the pair matrix, ordered so that a tile comes right after its last image;
-/// the orientation task is added when all counts are known, with a cost from those counts.
+/// The plan: one task an image, one a tile of the pair matrix, column by column, each right after its last image; the
+/// orientation task, if the run goes so far, is added when all counts are known, with a cost from those counts. The
+/// pairs of a guided block are added as they become known (scheduling/guided_plan.h).
 engine::Plan MakeOrientPlan(std::shared_ptr<OrientRun> run);
-
-/// The finished orientation, or none when it is not there (or damaged: then it is quarantined).
-std::optional<OrientationResult> LoadOrientation(const engine::ArtifactStore& store, const OrientKeys& keys);
 
 }  // namespace rilievo::scheduling

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <vector>
 
 #include "block/block.h"
@@ -14,7 +15,21 @@
 
 namespace rilievo::scheduling {
 
-/// Everything the tasks of a run share; must outlive the execution of the plan. Tasks write only to their own slots.
+/// Where a run ends.
+enum class Goal { kPairs, kOrientation };
+
+/// A tile in a run, and what its task found.
+struct TileRun {
+  std::size_t number = 0;  ///< in its task's name
+  PairTile tile;
+  engine::ArtifactKey key;
+  std::vector<PairSummary> pairs;
+  bool reused = false;
+};
+
+/// Everything the tasks of a run share; must outlive the execution of the plan. Tasks write only to their own slots;
+/// `tiles` and `tile_tasks` grow with the plan, by the executor's scheduler alone, and are complete before any task
+/// looks at all of them.
 struct OrientRun {
   const Block& block;
   const PixelSource& pixels;
@@ -23,11 +38,14 @@ struct OrientRun {
   OrientOptions options;
   OrientKeys keys;
   std::vector<ImageSummary> images;             ///< slot an image: filled by its feature task
-  std::vector<std::vector<PairSummary>> pairs;  ///< slot a tile: filled by its pair task
+  std::vector<std::shared_ptr<TileRun>> tiles;  ///< in any order; those of `keys` first
+  std::vector<TaskId> feature_tasks;            ///< by image
+  std::vector<TaskId> tile_tasks;               ///< of `tiles`
   /// What the process holds beside its tasks: hints about memory add it to what a task needs.
   std::uint64_t overhead_bytes = 0;
   /// What one task may hold: images are cut into strips so that their features fit it.
   std::uint64_t budget_bytes = std::numeric_limits<std::uint64_t>::max();
+  Goal goal = Goal::kOrientation;
 
   OrientRun(const Block& block, const PixelSource& pixels, const PixelSource* masks, const engine::ArtifactStore& store,
             OrientOptions options, std::uint64_t overhead_bytes);

@@ -5,28 +5,30 @@
 #include <vector>
 
 #include "block/pair.h"
+#include "scheduling/pair_options.h"
 
 namespace rilievo::scheduling {
 
-/// A sparse block matches all n(n-1)/2 pairs; an ordered sequence the 2n-3 pairs of its n-2 overlapping triplets.
-enum class Network { kSparse, kSequence };
+/// Pairs (first < second), sorted, of the types that need the number of images alone: sparse and sequence; of others
+/// none. Images are numbered in block order. A closed sequence adds the pairs of the two triplets across its end.
+/// O(result).
+std::vector<ImagePair> SelectPairs(std::size_t image_count, Network network, bool closed_sequence = false);
 
-/// Pairs (first < second), sorted. Images are numbered in block order. O(result).
-std::vector<ImagePair> SelectPairs(std::size_t image_count, Network network);
-
-/// A tile of the pair matrix: the pairs of one block of rows with one block of columns. Its images' features are loaded
-/// once, and its results share one artifact.
+/// A tile of the pair matrix: the pairs of one block of rows (first image) with one block of columns (second image).
+/// Its images' features are loaded once, and its results share one artifact.
 struct PairTile {
-  std::vector<ImageId> images;   ///< sorted; every image of `pairs`
-  std::vector<ImagePair> pairs;  ///< sorted
+  std::size_t row = 0, column = 0;  ///< blocks: image number / tile edge
+  std::vector<ImageId> images;      ///< sorted; every image of `pairs`
+  std::vector<ImagePair> pairs;     ///< sorted
 };
 
-/// Images a side of a tile: a fixed rule on the number of images (small blocks: fine tiles balance two cores; large
-/// ones: fewer files and each descriptor block loaded less often). Never a function of memory or threads.
+/// Images a side of a tile: a fixed rule on the number of images, 2 up to 40, 4 up to 150, 8 beyond (small blocks: fine
+/// tiles balance two cores; large ones: fewer files and each descriptor block loaded less often). Never a function of
+/// memory or threads.
 std::size_t TileEdge(std::size_t image_count);
 
-/// Cuts `pairs` (sorted) into tiles ordered by their last image, then by their first: a tile can start as early as
-/// possible.
+/// Cuts `pairs` (sorted) into tiles ordered by column, then by row. The features of a block of columns stay resident
+/// while its tiles run, each of which loads the features of its rows; and no tile waits for an image of a later column.
 std::vector<PairTile> TilePairs(const std::vector<ImagePair>& pairs, std::size_t tile_edge);
 
 }  // namespace rilievo::scheduling

@@ -32,20 +32,44 @@ S OptionsFromJson(const json& in, std::span<const OptionDeclaration<S>> declarat
   return options;
 }
 
+/// "0 1, 0 2, 7 9": one text instead of a line a number.
+std::string PairsToText(const std::vector<ImagePair>& pairs) {
+  std::string text;
+  for (const ImagePair& pair : pairs)
+    text += (text.empty() ? "" : ", ") + std::to_string(pair.first.value) + " " + std::to_string(pair.second.value);
+  return text;
+}
+
+std::vector<ImagePair> PairsFromText(const std::string& list) {
+  std::istringstream text(list);
+  std::vector<ImagePair> pairs;
+  for (std::uint32_t first = 0, second = 0; text >> first >> second; text.ignore(1))
+    pairs.push_back({ImageId(first), ImageId(second)});
+  return pairs;
+}
+
 json ToJson(const OrientOptions& o) {
-  return {{"network", o.network == Network::kSequence ? "sequence" : "sparse"},
+  return {{"network", NetworkName(o.network)},
+          {"pairs", OptionsToJson(o.pairs, PairOptionDeclarations())},
+          {"listed_pairs", PairsToText(o.listed)},
           {"features", OptionsToJson(o.features, features::OptionDeclarations())},
           {"matching", OptionsToJson(o.matching, matching::OptionDeclarations())},
           {"verification", OptionsToJson(o.verification, verification::OptionDeclarations())},
+          {"tracks", OptionsToJson(o.tracks, tracks::OptionDeclarations())},
           {"mapping", OptionsToJson(o.mapping, mapping::OptionDeclarations())}};
 }
 
 OrientOptions OptionsFromJson(const json& in) {
   OrientOptions o;
-  o.network = in.at("network") == "sequence" ? Network::kSequence : Network::kSparse;
+  const auto network = NetworkFromName(in.at("network").get<std::string>());
+  if (!network) throw Error(ErrorCode::kInvalidInput, "", "unknown block type in the record");
+  o.network = *network;
+  if (in.contains("pairs")) o.pairs = OptionsFromJson(in.at("pairs"), PairOptionDeclarations());  // else of before it
+  if (in.contains("listed_pairs")) o.listed = PairsFromText(in.at("listed_pairs"));
   o.features = OptionsFromJson(in.at("features"), features::OptionDeclarations());
   o.matching = OptionsFromJson(in.at("matching"), matching::OptionDeclarations());
   o.verification = OptionsFromJson(in.at("verification"), verification::OptionDeclarations());
+  if (in.contains("tracks")) o.tracks = OptionsFromJson(in.at("tracks"), tracks::OptionDeclarations());
   o.mapping = OptionsFromJson(in.at("mapping"), mapping::OptionDeclarations());
   return o;
 }
@@ -167,6 +191,9 @@ RunRecord RecordFromJson(const json& in, const fs::path& dir) {
   for (const auto& image : record.block.images)
     if (image.camera_id.value >= record.block.cameras.size())
       throw Error(ErrorCode::kInvalidInput, "", "an image in the record names a camera that is not there");
+  for (const ImagePair& pair : record.options.listed)
+    if (pair.first >= pair.second || pair.second.value >= record.block.images.size())
+      throw Error(ErrorCode::kInvalidInput, "", "a pair in the record names an image that is not there");
   for (const auto& q : in.at("quarantined")) record.block.quarantined.push_back({q.at("name"), q.at("reason")});
   return record;
 }

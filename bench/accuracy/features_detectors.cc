@@ -54,10 +54,8 @@ std::optional<ImageFeatures> DetectOursTiled(const GreyImage& image, const featu
 
 std::optional<std::size_t> DetectOursExtremaOnly(const GreyImage& image, const features::Options& options,
                                                  RunContext& context) {
-  const features::SiftOptions sift{options.first_octave,
-                                   {options.contrast_threshold, options.edge_threshold, options.root_sift},
-                                   options.octaves,
-                                   false};
+  const features::SiftOptions sift{
+      options.first_octave, {options.contrast_threshold, options.edge_threshold}, options.octaves, {}};
   const features::SelectionRule rule{static_cast<std::size_t>(options.max_features), false, image.width_px,
                                      image.height_px};
   const auto& kernels = features::ChooseSiftKernels(features::ForcedKernels());

@@ -16,7 +16,9 @@ constexpr const char* kUsage =
     "       features_eval repeatability FOLDER\n"
     "       features_eval localisation\n"
     "       features_eval identity IMAGE DUMP\n"
-    "       features_eval compare DUMP DUMP\n";
+    "       features_eval compare DUMP DUMP\n"
+    "       features_eval descriptors FOLDER...\n"
+    "       features_eval learn FOLDER\n";
 
 Json Dispatch(const std::string& command, const std::vector<std::string>& arguments) {
   const std::size_t n = arguments.size();
@@ -26,6 +28,8 @@ Json Dispatch(const std::string& command, const std::vector<std::string>& argume
   if (command == "localisation" && n == 0) return MeasureLocalisation();
   if (command == "identity" && n == 2) return MeasureIdentity(arguments[0], arguments[1]);
   if (command == "compare" && n == 2) return CompareDumps(arguments[0], arguments[1]);
+  if (command == "descriptors") return MeasureDescriptors(arguments);
+  if (command == "learn" && n == 1) return LearnProjections(arguments[0]);
   return nullptr;
 }
 

@@ -19,6 +19,10 @@ Json MeasureRepeatability(const std::string& folder);
 Json MeasureLocalisation();
 /// Hashes of the features by tile width and number of threads; the first variant's features go to `dump_path`.
 Json MeasureIdentity(const std::string& image_path, const std::string& dump_path);
+/// Correct matches of each descriptor on such folders and in rendered blocks; variance that the projections keep.
+Json MeasureDescriptors(const std::vector<std::string>& folders);
+/// Learns the projections of GLOH and PCA-SIFT and writes their source files into `folder`. About a minute.
+Json LearnProjections(const std::string& folder);
 /// Share of features that two dumps of MeasureIdentity do not have in common.
 Json CompareDumps(const std::string& first_path, const std::string& second_path);
 

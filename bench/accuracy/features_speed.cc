@@ -63,6 +63,11 @@ Json MeasureSpeed(const std::string& image_path, int repeats) {
   if (DetectOursExtremaOnly(image, options, context)) {
     add("ours_extrema", [&] { return DetectOursExtremaOnly(image, options, context).value(); });
   }
+  features::Options gloh = options, pca_sift = options;
+  gloh.detector = "gloh";
+  pca_sift.detector = "pca-sift";
+  add("ours_gloh", [&] { return DetectOurs(image, gloh, context).keypoints.size(); });
+  add("ours_pca_sift", [&] { return DetectOurs(image, pca_sift, context).keypoints.size(); });
   const std::optional<SurfChoice> surf = ChooseSurf128(image, our_count, context);
   if (surf) add("ours_surf128", [&] { return DetectOurs(image, surf->options, context).keypoints.size(); });
   TakeTurns(contenders, repeats);
@@ -75,7 +80,10 @@ Json MeasureSpeed(const std::string& image_path, int repeats) {
               {"repeats", repeats},
               {"decode_cpu_s", decode_s},
               {"contrast_threshold", {{"ours", options.contrast_threshold}, {"opencv", peer.contrast_threshold}}}};
-  for (const char* name : {"ours", "opencv", "opencv_detect", "ours_extrema", "ours_surf128"}) result[name] = nullptr;
+  for (const char* name :
+       {"ours", "opencv", "opencv_detect", "ours_extrema", "ours_gloh", "ours_pca_sift", "ours_surf128"}) {
+    result[name] = nullptr;
+  }
   for (const Contender& c : contenders) result[c.name] = Entry(c, megapixels);
   return result;
 }

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/error.h"
+#include "block/io/image_names.h"
 #include "block/io/text.h"
 #include "block/io/utf8.h"
 
@@ -146,9 +147,7 @@ FoundImages FindImages(const fs::path& folder) {
 
 std::vector<std::string> ReadOrderFile(const fs::path& path, std::span<const std::string> names) {
   const std::string content = ReadWholeFile(path, std::size_t{1} << 26);
-  const std::set<std::string, std::less<>> known(names.begin(), names.end());
-  std::map<std::string, std::vector<std::string>, std::less<>> by_base_name;
-  for (const auto& name : known) by_base_name[fs::path(name).filename().string()].push_back(name);
+  const ImageNames known(names);
 
   std::vector<std::string> order;
   std::map<std::string, std::size_t> line_of;
@@ -160,19 +159,16 @@ std::vector<std::string> ReadOrderFile(const fs::path& path, std::span<const std
                    hint);
     };
     const bool may_be_count = std::exchange(first, false);
-    std::string name(line.text);
-    if (!known.contains(name)) {
-      const auto base = by_base_name.find(name);
-      if (base == by_base_name.end()) {
-        if (may_be_count && std::all_of(name.begin(), name.end(), IsDigit)) continue;
-        throw bad("'" + Printable(name) + "' is none of the images",
-                  "write one image name a line, as in the image folder");
-      }
-      if (base->second.size() > 1)
-        throw bad("'" + Printable(name) + "' may be " + base->second[0] + " or " + base->second[1],
-                  "write the name with its folder");
-      name = base->second.front();
+    const std::vector<std::size_t> found = known.Find(line.text);
+    if (found.empty()) {
+      if (may_be_count && std::all_of(line.text.begin(), line.text.end(), IsDigit)) continue;
+      throw bad("'" + Printable(line.text) + "' is none of the images",
+                "write one image name a line, as in the image folder");
     }
+    if (found.size() > 1)
+      throw bad("'" + Printable(line.text) + "' may be " + names[found[0]] + " or " + names[found[1]],
+                "write the name with its folder");
+    std::string name = names[found.front()];
     const auto [previous, is_new] = line_of.emplace(name, line.number);
     if (!is_new)
       throw bad("'" + name + "' was already on line " + std::to_string(previous->second), "name each image once");

@@ -3,35 +3,18 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
-#include <concepts>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <optional>
-#include <span>
 #include <utility>
 #include <vector>
 
 #include "base/rng.h"
-#include "base/run_context.h"
+#include "geometry/robust/problem.h"
 #include "geometry/robust/sampling.h"
-#include "geometry/solvers/model_list.h"
+#include "geometry/robust/scorer.h"
 
 namespace rilievo {
-
-enum class RobustEstimator { kRansac, kLmeds, kMapsac };
-
-struct RobustOptions {
-  RobustEstimator estimator = RobustEstimator::kMapsac;
-  double threshold = 1;  ///< bound of an inlier's residual, in the residual's unit; unused by LMedS
-  double noise_floor =
-      0;  ///< LMedS: residuals below this are inliers however small the median (rounding, quantisation)
-  double confidence = 0.9999;  ///< of having drawn a sample free of outliers
-  int min_trials = 1;
-  int max_trials = 10000;
-  const RunContext* context = nullptr;  ///< polled for stop requests (throws Cancelled) when given
-};
 
 template <class Model>
 struct RobustEstimate {
@@ -43,152 +26,32 @@ struct RobustEstimate {
   int trials = 0;
 };
 
-/// What the loop needs of a problem with items 0 .. Size() - 1:
-///   Model                          default constructible, copyable
-///   kSampleSize                    items a minimal solution needs
-///   Solve(sample) -> ModelList     the (possibly no) models of that many items
-///   SquaredResidual(model, i)      r^2 of item i (non-negative; NaN counts as outlier)
-///   Refine(items, start) -> optional<Model>   best model of many items (at least kSampleSize), starting from `start`
-/// A problem that also has
-///   BlockResiduals(model, begin) -> array<float, kRobustBlock>   r^2 of items begin .. begin + kRobustBlock - 1
-/// (begin a multiple of kRobustBlock, values past Size() ignored) is scored by that, in its own item order, which must
-/// then be random (ShuffledOrder): early rejection takes the first items for a fair sample of all.
-template <class P>
-concept RobustProblem = requires(const P& p, const typename P::Model& model, std::size_t i,
-                                 std::array<std::uint32_t, static_cast<std::size_t>(P::kSampleSize)> sample,
-                                 std::span<const std::uint32_t> items) {
-  { p.Size() } -> std::convertible_to<std::size_t>;
-  { p.Solve(sample).size() } -> std::convertible_to<int>;
-  { p.SquaredResidual(model, i) } -> std::convertible_to<double>;
-  { p.Refine(items, model) } -> std::same_as<std::optional<typename P::Model>>;
-};
-
-inline constexpr std::size_t kRobustBlock = 64;
-
 namespace robust_internal {
 
-inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
+/// Samples that are drawn before their models are scored, and the models.
+template <class P>
+inline constexpr int kBatchOf = [] {
+  if constexpr (SolvesBatches<P>) return P::kBatch;
+  return 1;
+}();
 
-/// Sum of the first `count` values in a fixed order: eight lanes, then the lanes in turn.
-inline double FixedOrderSum(const std::array<float, kRobustBlock>& values) {
-  std::array<float, 8> lanes{};
-  for (std::size_t i = 0; i < kRobustBlock; i += 8) {
-    for (std::size_t lane = 0; lane < 8; ++lane) lanes[lane] += values[i + lane];
-  }
-  double sum = 0;
-  for (const float lane : lanes) sum += lane;
-  return sum;
-}
-
-/// Scores models of one problem and remembers nothing but the order of items.
 template <RobustProblem P>
-class Scorer {
- public:
-  using Model = typename P::Model;
-  Scorer(const P& problem, const RobustOptions& options, std::uint64_t seed)
-      : problem_(problem), options_(options), n_(problem.Size()) {
-    if constexpr (!kHasBlocks) order_ = ShuffledOrder(n_, seed);
-    if (options_.estimator == RobustEstimator::kLmeds) residuals_.resize(n_ + kRobustBlock);
+auto DrawModels(const P& problem, std::uint32_t n, Rng& rng) {
+  if constexpr (SolvesBatches<P>) {
+    std::array<std::array<std::uint32_t, static_cast<std::size_t>(P::kSampleSize)>, static_cast<std::size_t>(P::kBatch)>
+        samples;
+    for (auto& sample : samples) sample = DrawSample<P::kSampleSize>(n, rng);
+    return problem.SolveBatch(samples);
+  } else {
+    return problem.Solve(DrawSample<P::kSampleSize>(n, rng));
   }
-
-  /// Cost of a model, or infinity as soon as it is known (or, when `hasty`, likely beyond three standard deviations)
-  /// not to be below `bound`.
-  double Cost(const Model& model, double bound, bool hasty) {
-    return options_.estimator == RobustEstimator::kLmeds ? MedianCost(model, bound)
-                                                         : TruncatedCost(model, bound, hasty);
-  }
-
-  double Sigma0(double median) const {
-    const double redundancy = std::max(1.0, static_cast<double>(n_) - P::kSampleSize);
-    return 1.4826 * (1 + 5 / redundancy) * std::sqrt(median);
-  }
-  /// Bound of an inlier's residual for a model of this cost.
-  double Threshold(double cost) const {
-    if (options_.estimator != RobustEstimator::kLmeds) return options_.threshold;
-    return std::max(2.5 * Sigma0(cost), options_.noise_floor);
-  }
-
-  std::vector<std::uint32_t> Inliers(const Model& model, double threshold) const {
-    std::vector<std::uint32_t> inliers;
-    for (std::size_t i = 0; i < n_; ++i) {
-      if (problem_.SquaredResidual(model, i) <= threshold * threshold) inliers.push_back(static_cast<std::uint32_t>(i));
-    }
-    return inliers;
-  }
-
- private:
-  static constexpr bool kHasBlocks = requires(const P& p, const Model& m) {
-    { p.BlockResiduals(m, std::size_t{}) } -> std::same_as<std::array<float, kRobustBlock>>;
-  };
-
-  std::array<float, kRobustBlock> Block(const Model& model, std::size_t begin) const {
-    if constexpr (kHasBlocks) {
-      return problem_.BlockResiduals(model, begin);
-    } else {
-      std::array<float, kRobustBlock> squared{};
-      const std::size_t count = std::min(kRobustBlock, n_ - begin);
-      for (std::size_t i = 0; i < count; ++i) {
-        squared[i] = static_cast<float>(problem_.SquaredResidual(model, order_[begin + i]));
-      }
-      return squared;
-    }
-  }
-
-  /// RANSAC: number of outliers. MAPSAC (Torr 2002): sum of min(r^2 / T^2, 1). Each item costs at most 1, so the
-  /// standard deviation of the sum over k items of a random order is at most sqrt(k) / 2.
-  double TruncatedCost(const Model& model, double bound, bool hasty) const {
-    const float limit = static_cast<float>(options_.threshold * options_.threshold);
-    const float scale = 1 / limit;
-    const bool count_only = options_.estimator == RobustEstimator::kRansac;
-    double cost = 0;
-    for (std::size_t begin = 0; begin < n_; begin += kRobustBlock) {
-      std::array<float, kRobustBlock> costs = Block(model, begin);
-      if (count_only) {
-        for (float& value : costs) value = value <= limit ? 0.0F : 1.0F;
-      } else {
-        for (float& value : costs) value = value <= limit ? value * scale : 1.0F;
-      }
-      const std::size_t done = std::min(begin + kRobustBlock, n_);
-      for (std::size_t i = done - begin; i < kRobustBlock; ++i) costs[i] = 0;
-      cost += FixedOrderSum(costs);
-      if (cost >= bound) return kInfinity;
-      const double k = static_cast<double>(done), n = static_cast<double>(n_);
-      if (hasty && bound < n && cost > bound * k / n + 1.5 * std::sqrt(k)) return kInfinity;
-    }
-    return cost;
-  }
-
-  double MedianCost(const Model& model, double bound) {
-    const std::size_t middle = n_ / 2;
-    const float limit = bound < 1e30 ? static_cast<float>(bound) : 1e30F;
-    std::size_t beyond = 0;
-    for (std::size_t begin = 0; begin < n_; begin += kRobustBlock) {
-      const std::array<float, kRobustBlock> squared = Block(model, begin);
-      const std::size_t count = std::min(kRobustBlock, n_ - begin);
-      for (std::size_t i = 0; i < count; ++i) {
-        const bool below = squared[i] < limit;
-        beyond += below ? 0 : 1;
-        residuals_[begin + i] = below ? squared[i] : std::max(limit, std::min(squared[i], 1e30F));
-      }
-      if (beyond >= n_ - middle) return kInfinity;  // the middle one cannot be below the bound any more
-    }
-    const auto nth = residuals_.begin() + static_cast<std::ptrdiff_t>(middle);
-    std::nth_element(residuals_.begin(), nth, residuals_.begin() + static_cast<std::ptrdiff_t>(n_));
-    return *nth;
-  }
-
-  const P& problem_;
-  const RobustOptions& options_;
-  const std::size_t n_;
-  std::vector<std::uint32_t> order_;
-  std::vector<float> residuals_;
-};
+}
 
 /// Refits on the inliers and keeps the result while the cost falls.
 template <RobustProblem P>
 void Polish(const P& problem, Scorer<P>& scorer, int rounds, typename P::Model& model, double& cost) {
   for (int round = 0; round < rounds; ++round) {
-    const auto inliers = scorer.Inliers(model, scorer.Threshold(cost));
+    const auto inliers = scorer.ScoredInliers(model, scorer.Threshold(cost));
     if (inliers.size() <= static_cast<std::size_t>(P::kSampleSize)) return;
     const auto refined = problem.Refine(inliers, model);
     if (!refined) return;
@@ -224,8 +87,8 @@ void RefitOnce(const P& problem, const Scorer<P>& scorer, RobustEstimate<typenam
 ///   half
 ///           of the items are wrong
 /// Each new best is refined on its inliers at once (locally optimised RANSAC, Chum, Matas & Kittler 2003). Trials adapt
-/// to the inliers found; LMedS, whose inliers mean nothing before the end, draws what half outliers need. The result
-/// depends on problem, options and seed only.
+/// to the inliers found, rounded up to whole batches; LMedS, whose inliers mean nothing before the end, draws what half
+/// outliers need. The result depends on problem, options and seed only.
 template <RobustProblem P>
 std::optional<RobustEstimate<typename P::Model>> EstimateRobustly(const P& problem, const RobustOptions& options,
                                                                   std::uint64_t seed) {
@@ -242,10 +105,13 @@ std::optional<RobustEstimate<typename P::Model>> EstimateRobustly(const P& probl
   int required =
       lmeds ? RequiredTrials(n - n / 2, n, P::kSampleSize, options.confidence, options.max_trials) : options.max_trials;
   int trial = 0;
-  for (; trial < std::max(required, std::min(options.min_trials, options.max_trials)); ++trial) {
-    if (options.context != nullptr && trial % kPollInterval == 0) options.context->ThrowIfStopped();
+  for (int batch = 0; trial < std::max(required, std::min(options.min_trials, options.max_trials)); ++batch) {
+    if (options.context != nullptr && batch % kPollInterval == 0) options.context->ThrowIfStopped();
+    const auto models = robust_internal::DrawModels(problem, static_cast<std::uint32_t>(n), rng);
+    trial += robust_internal::kBatchOf<P>;
     bool improved = false;
-    for (const Model& model : problem.Solve(DrawSample<P::kSampleSize>(static_cast<std::uint32_t>(n), rng))) {
+    for (int i = 0; i < models.size(); ++i) {
+      const Model& model = models[i];
       const double cost = scorer.Cost(model, best_cost, true);
       if (!(cost < best_cost)) continue;
       best = model;
@@ -255,8 +121,9 @@ std::optional<RobustEstimate<typename P::Model>> EstimateRobustly(const P& probl
     if (!improved) continue;
     robust_internal::Polish(problem, scorer, kLocalRounds, best, best_cost);
     if (lmeds) continue;
-    const std::size_t inliers = scorer.Inliers(best, options.threshold).size();
+    const std::size_t inliers = scorer.ScoredInliers(best, options.threshold).size();
     required = RequiredTrials(inliers, n, P::kSampleSize, options.confidence, options.max_trials);
+    scorer.Expect(inliers);
   }
   if (!(best_cost < robust_internal::kInfinity)) return std::nullopt;
   robust_internal::Polish(problem, scorer, kFinalRounds, best, best_cost);

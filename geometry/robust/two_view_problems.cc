@@ -3,9 +3,12 @@
 
 #include <Eigen/LU>
 #include <Eigen/SVD>
+#include <algorithm>
 #include <utility>
 
 #include "geometry/essential_refinement.h"
+#include "geometry/fundamental_refinement.h"
+#include "geometry/homography_refinement.h"
 #include "geometry/solvers/homography.h"
 
 namespace rilievo {
@@ -35,50 +38,19 @@ Selection Select(const PointPairs& pairs, std::span<const std::uint32_t> items) 
 }
 
 struct FloatMatrix {
-  float m00, m01, m02, m10, m11, m12, m20, m21, m22;
-  explicit FloatMatrix(const Eigen::Matrix3d& m)
-      : m00(static_cast<float>(m(0, 0))),
-        m01(static_cast<float>(m(0, 1))),
-        m02(static_cast<float>(m(0, 2))),
-        m10(static_cast<float>(m(1, 0))),
-        m11(static_cast<float>(m(1, 1))),
-        m12(static_cast<float>(m(1, 2))),
-        m20(static_cast<float>(m(2, 0))),
-        m21(static_cast<float>(m(2, 1))),
-        m22(static_cast<float>(m(2, 2))) {}
+  float values[9];  // row-major
+  explicit FloatMatrix(const Eigen::Matrix3d& m) {
+    for (int k = 0; k < 9; ++k) values[k] = static_cast<float>(m(k / 3, k % 3));
+  }
 };
 
-/// One straight loop over a block: the compiler makes vector code of it.
-template <EpipolarResidual kResidual>
-std::array<float, kRobustBlock> EpipolarBlock(const Eigen::Matrix3d& model, const PointPairs::Block& b,
-                                              const CoordinateVariances& v) {
-  const FloatMatrix m(model);
-  const float v1 = static_cast<float>(v.first), v2 = static_cast<float>(v.second);
-  std::array<float, kRobustBlock> squared;
-  for (std::size_t i = 0; i < kRobustBlock; ++i) {
-    const float x1 = b.x1[i], y1 = b.y1[i], x2 = b.x2[i], y2 = b.y2[i];
-    const float line_x = m.m00 * x1 + m.m01 * y1 + m.m02;
-    const float line_y = m.m10 * x1 + m.m11 * y1 + m.m12;
-    const float line_1 = m.m20 * x1 + m.m21 * y1 + m.m22;
-    const float back_x = m.m00 * x2 + m.m10 * y2 + m.m20;
-    const float back_y = m.m01 * x2 + m.m11 * y2 + m.m21;
-    const float error = x2 * line_x + y2 * line_y + line_1;
-    const float first = v1 * (back_x * back_x + back_y * back_y);
-    const float second = v2 * (line_x * line_x + line_y * line_y);
-    if constexpr (kResidual == EpipolarResidual::kSampson) {
-      squared[i] = error * error / (first + second);
-    } else {
-      squared[i] = error * error * (first + second) / (first * second);
-    }
-  }
-  return squared;
-}
-
 std::array<float, kRobustBlock> EpipolarBlock(const Eigen::Matrix3d& model, const PointPairs& pairs, std::size_t begin,
-                                              EpipolarResidual residual) {
-  return residual == EpipolarResidual::kSampson
-             ? EpipolarBlock<EpipolarResidual::kSampson>(model, pairs.BlockAt(begin), pairs.Variances())
-             : EpipolarBlock<EpipolarResidual::kBothDistances>(model, pairs.BlockAt(begin), pairs.Variances());
+                                              EpipolarResidual residual, const TwoViewKernels& kernels) {
+  const auto kernel = residual == EpipolarResidual::kSampson ? kernels.sampson : kernels.both_distances;
+  std::array<float, kRobustBlock> squared;
+  kernel(FloatMatrix(model).values, static_cast<float>(pairs.Variances().first),
+         static_cast<float>(pairs.Variances().second), pairs.BlockAt(begin), squared.data());
+  return squared;
 }
 
 double SquaredEpipolar(const Eigen::Matrix3d& model, const PointPairs& pairs, std::size_t i,
@@ -88,12 +60,17 @@ double SquaredEpipolar(const Eigen::Matrix3d& model, const PointPairs& pairs, st
              : SquaredEpipolarDistances(model, pairs.First()[i], pairs.Second()[i], pairs.Variances());
 }
 
+/// Few iterations: the loop calls again while its own cost falls.
+RefinementOptions LocalRefinement(const TwoViewKernels& kernels) {
+  return {.max_iterations = 4, .relative_decrease = 1e-3, .kernels = &kernels};
+}
+
 }  // namespace
 
 PointPairs::PointPairs(std::vector<Eigen::Vector2d> first, std::vector<Eigen::Vector2d> second,
                        const CoordinateVariances& variances)
     : first_(std::move(first)), second_(std::move(second)), variances_(variances) {
-  stride_ = (first_.size() + kRobustBlock - 1) / kRobustBlock * kRobustBlock;
+  stride_ = (first_.size() + kRobustBlock - 1) / kRobustBlock * kRobustBlock + kRobustBlock;
   coordinates_.resize(4 * stride_);
   for (std::size_t i = 0; i < first_.size(); ++i) {
     coordinates_[i] = static_cast<float>(first_[i].x());
@@ -103,9 +80,9 @@ PointPairs::PointPairs(std::vector<Eigen::Vector2d> first, std::vector<Eigen::Ve
   }
 }
 
-PointPairs::Block PointPairs::BlockAt(std::size_t begin) const {
+PairBlock PointPairs::RepairedBlockAt(std::size_t begin, std::size_t shift) const {
   const float* start = coordinates_.data() + begin;
-  return {start, start + stride_, start + 2 * stride_, start + 3 * stride_};
+  return {start, start + stride_, start + 2 * stride_ + shift, start + 3 * stride_ + shift};
 }
 
 PointPairs PointPairs::Subset(std::span<const std::uint32_t> items) const {
@@ -113,8 +90,26 @@ PointPairs PointPairs::Subset(std::span<const std::uint32_t> items) const {
   return {std::move(selection.first), std::move(selection.second), variances_};
 }
 
-EssentialList EssentialProblem::Solve(const std::array<std::uint32_t, 5>& sample) const {
-  return SolveFivePoint(Homogeneous<5>(pairs_.First(), sample), Homogeneous<5>(pairs_.Second(), sample));
+PairArrays PointPairs::Arrays(std::span<const std::uint32_t> items) const {
+  PairArrays arrays(items.size());
+  for (std::size_t i = 0; i < items.size(); ++i) arrays.Set(i, first_[items[i]], second_[items[i]]);
+  return arrays;
+}
+
+EssentialBatch EssentialProblem::SolveBatch(const std::array<std::array<std::uint32_t, 5>, kBatch>& samples) const {
+  FivePointSamples coordinates;
+  for (std::size_t lane = 0; lane < samples.size(); ++lane) {
+    for (std::size_t i = 0; i < 5; ++i) {
+      const Eigen::Vector2d &x = pairs_.First()[samples[lane][i]], &y = pairs_.Second()[samples[lane][i]];
+      coordinates.rows[i][lane] = x.x();
+      coordinates.rows[5 + i][lane] = x.y();
+      coordinates.rows[10 + i][lane] = y.x();
+      coordinates.rows[15 + i][lane] = y.y();
+    }
+  }
+  EssentialBatch batch;
+  kernels_.five_point_oriented(coordinates, batch.models);
+  return batch;
 }
 
 double EssentialProblem::SquaredResidual(const Model& e, std::size_t i) const {
@@ -122,14 +117,32 @@ double EssentialProblem::SquaredResidual(const Model& e, std::size_t i) const {
 }
 
 std::array<float, kRobustBlock> EssentialProblem::BlockResiduals(const Model& e, std::size_t begin) const {
-  return EpipolarBlock(e, pairs_, begin, residual_);
+  return EpipolarBlock(e, pairs_, begin, residual_, kernels_);
 }
 
 std::optional<Eigen::Matrix3d> EssentialProblem::Refine(std::span<const std::uint32_t> items,
                                                         const Model& start) const {
-  const Selection s = Select(pairs_, items);
-  return RefineEssential(s.first, s.second, pairs_.Variances(), start,
-                         {.max_iterations = 4, .relative_decrease = 1e-3});
+  return RefineEssential(pairs_.Arrays(items), pairs_.Variances(), start, LocalRefinement(kernels_));
+}
+
+double ChanceAgreement(const PointPairs& pairs, const Eigen::Matrix3d& model, double threshold,
+                       const TwoViewKernels& kernels) {
+  constexpr std::size_t kShifts = 8;
+  const std::size_t n = pairs.Size();
+  const FloatMatrix matrix(model);
+  const auto v1 = static_cast<float>(pairs.Variances().first), v2 = static_cast<float>(pairs.Variances().second);
+  const auto limit = static_cast<float>(threshold * threshold);
+  std::size_t agreeing = 0, tried = 0;
+  std::array<float, kRobustBlock> squared;
+  for (std::size_t shift = 1; shift <= kShifts && shift < n; ++shift) {
+    tried += n - shift;
+    for (std::size_t begin = 0; begin < n - shift; begin += kRobustBlock) {
+      kernels.sampson(matrix.values, v1, v2, pairs.RepairedBlockAt(begin, shift), squared.data());
+      const int count = static_cast<int>(std::min(kRobustBlock, n - shift - begin));
+      agreeing += static_cast<std::size_t>(kernels.truncate(squared.data(), count, limit).inliers);
+    }
+  }
+  return tried > 0 ? static_cast<double>(agreeing) / static_cast<double>(tried) : 1;
 }
 
 FundamentalList FundamentalProblem::Solve(const std::array<std::uint32_t, 7>& sample) const {
@@ -141,27 +154,12 @@ double FundamentalProblem::SquaredResidual(const Model& f, std::size_t i) const 
 }
 
 std::array<float, kRobustBlock> FundamentalProblem::BlockResiduals(const Model& f, std::size_t begin) const {
-  return EpipolarBlock(f, pairs_, begin, residual_);
+  return EpipolarBlock(f, pairs_, begin, residual_, kernels_);
 }
 
 std::optional<Eigen::Matrix3d> FundamentalProblem::Refine(std::span<const std::uint32_t> items,
                                                           const Model& start) const {
-  constexpr int kRounds = 3;
-  const Selection s = Select(pairs_, items);
-  const CoordinateVariances& v = pairs_.Variances();
-  std::vector<double> weights(items.size());
-  std::optional<Eigen::Matrix3d> f = start;
-  for (int round = 0; round < kRounds && f; ++round) {
-    // 1 / D of the Sampson distance, at a scale at which the weights are about 1.
-    for (std::size_t i = 0; i < items.size(); ++i) {
-      const Eigen::Vector2d line = (*f * s.first[i].homogeneous()).head<2>();
-      const Eigen::Vector2d back = (f->transpose() * s.second[i].homogeneous()).head<2>();
-      const double d = v.first * back.squaredNorm() + v.second * line.squaredNorm();
-      weights[i] = d > 0 ? (v.first + v.second) / d : 0;
-    }
-    f = SolveEightPoint(s.first, s.second, weights, EpipolarKind::kFundamental);
-  }
-  return f;
+  return RefineFundamental(pairs_.Arrays(items), pairs_.Variances(), start, LocalRefinement(kernels_));
 }
 
 ModelList<Homography, 1> HomographyProblem::Solve(const std::array<std::uint32_t, 4>& sample) const {
@@ -179,27 +177,15 @@ double HomographyProblem::SquaredResidual(const Model& h, std::size_t i) const {
 }
 
 std::array<float, kRobustBlock> HomographyProblem::BlockResiduals(const Model& h, std::size_t begin) const {
-  const PointPairs::Block b = pairs_.BlockAt(begin);
-  const FloatMatrix m(h.matrix), n(h.inverse);
-  const float w1 = static_cast<float>(0.5 / pairs_.Variances().first),
-              w2 = static_cast<float>(0.5 / pairs_.Variances().second);
   std::array<float, kRobustBlock> squared;
-  for (std::size_t i = 0; i < kRobustBlock; ++i) {
-    const float x1 = b.x1[i], y1 = b.y1[i], x2 = b.x2[i], y2 = b.y2[i];
-    const float there_1 = m.m20 * x1 + m.m21 * y1 + m.m22, back_1 = n.m20 * x2 + n.m21 * y2 + n.m22;
-    const float there_x = (m.m00 * x1 + m.m01 * y1 + m.m02) / there_1 - x2;
-    const float there_y = (m.m10 * x1 + m.m11 * y1 + m.m12) / there_1 - y2;
-    const float back_x = (n.m00 * x2 + n.m01 * y2 + n.m02) / back_1 - x1;
-    const float back_y = (n.m10 * x2 + n.m11 * y2 + n.m12) / back_1 - y1;
-    const float mean = w2 * (there_x * there_x + there_y * there_y) + w1 * (back_x * back_x + back_y * back_y);
-    squared[i] = there_1 * back_1 > 0 ? mean : 1e30F;
-  }
+  kernels_.transfer(FloatMatrix(h.matrix).values, FloatMatrix(h.inverse).values,
+                    static_cast<float>(pairs_.Variances().first), static_cast<float>(pairs_.Variances().second),
+                    pairs_.BlockAt(begin), squared.data());
   return squared;
 }
 
-std::optional<Homography> HomographyProblem::Refine(std::span<const std::uint32_t> items, const Model&) const {
-  const Selection s = Select(pairs_, items);
-  const auto h = SolveHomographyLinear(s.first, s.second);
+std::optional<Homography> HomographyProblem::Refine(std::span<const std::uint32_t> items, const Model& start) const {
+  const auto h = RefineHomography(pairs_.Arrays(items), pairs_.Variances(), start.matrix, LocalRefinement(kernels_));
   if (!h) return std::nullopt;
   const Homography model{*h, h->inverse()};
   if (!model.inverse.allFinite()) return std::nullopt;

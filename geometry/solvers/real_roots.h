@@ -83,7 +83,10 @@ std::array<double, 2> ValueAndSlope(const std::array<double, N + 1>& p, double x
 /// The root that [low, high] holds: Newton's steps, halving where they leave the bracket.
 template <int N>
 double RefineRoot(const std::array<double, N + 1>& p, double low, double high) {
-  const bool rising = ValueAndSlope<N>(p, low)[0] < 0;
+  const double value_low = ValueAndSlope<N>(p, low)[0];
+  if (value_low == 0) return low;  // an end that is the root tells nothing by its sign
+  if (ValueAndSlope<N>(p, high)[0] == 0) return high;
+  const bool rising = value_low < 0;
   double x = 0.5 * (low + high);
   for (int i = 0; i < 80; ++i) {
     const auto [value, slope] = ValueAndSlope<N>(p, x);

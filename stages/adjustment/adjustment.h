@@ -1,4 +1,4 @@
-// Bundle block adjustment of a model by collinearity, with Ceres (sparse Schur complement, one thread).
+// Bundle block adjustment of a model by collinearity.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,12 +10,14 @@
 #include "base/task_cost.h"
 #include "block/block.h"
 #include "block/model.h"
+#include "stages/adjustment/loss.h"
 
 namespace rilievo::adjustment {
 
-inline constexpr int kVersion = 1;
+inline constexpr int kVersion = 2;
 
-enum class Loss { kLeastSquares, kHuber, kCauchy };
+/// The reduced system of this stage up to 500 images, Ceres' sparse one beyond; or one of the two.
+enum class Method { kByCount, kReduced, kCeres };
 
 struct Options {
   Loss loss = Loss::kLeastSquares;
@@ -25,6 +27,7 @@ struct Options {
   std::set<ImageId> fixed_images;  ///< exterior orientation held (local adjustments)
   bool fix_points = false;
   bool fix_gauge = true;  ///< first image fixed, and the largest baseline component to the farthest image
+  Method method = Method::kByCount;
 };
 
 struct Summary {
@@ -37,8 +40,8 @@ struct Summary {
 
 TaskCost Estimate(std::size_t images, std::size_t points, std::size_t observations);
 
-/// Adjusts `model` in place, calibration fixed, and fills the residuals of its observations. Single-threaded and
-/// bit-reproducible. Throws Cancelled on a stop request.
+/// Adjusts `model` in place, calibration fixed, and fills the residuals of its observations. Bit-reproducible for any
+/// number of threads. Throws Cancelled on a stop request.
 Summary Run(const Block& block, Model& model, const Options& options, RunContext& context);
 
 }  // namespace rilievo::adjustment

@@ -4,11 +4,15 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
+#include "stages/adjustment/collinearity.h"
+
 namespace rilievo::adjustment {
 namespace {
 
 using PoseJacobian = Eigen::Matrix<double, 2, kPoseSize, Eigen::RowMajor>;
 using PointJacobian = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
+
+}  // namespace
 
 Eigen::Quaterniond RotationExp(const Eigen::Vector3d& w) {
   const double angle = w.norm(), half = 0.5 * angle;
@@ -16,46 +20,19 @@ Eigen::Quaterniond RotationExp(const Eigen::Vector3d& w) {
   return {std::cos(half), s * w.x(), s * w.y(), s * w.z()};
 }
 
-}  // namespace
-
 bool Reprojection::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
   const Eigen::Map<const Eigen::Quaterniond> q(parameters[0]);
   const Eigen::Map<const Eigen::Vector3d> t(parameters[0] + 4), point(parameters[1]);
   const Eigen::Matrix3d r = q.toRotationMatrix();
-  const Eigen::Vector3d rotated = r * point, x = rotated + t;
-  Eigen::Map<Eigen::Vector2d> residual(residuals);
-  const bool wants_pose = jacobians != nullptr && jacobians[0] != nullptr;
-  const bool wants_point = jacobians != nullptr && jacobians[1] != nullptr;
-  if (!(x.z() > 1e-12)) {
-    residual.setConstant(kBehind_px);
-    if (wants_pose) Eigen::Map<PoseJacobian>(jacobians[0]).setZero();
-    if (wants_point) Eigen::Map<PointJacobian>(jacobians[1]).setZero();
-    return true;
-  }
-  const double inverse_z = 1 / x.z();
-  const Eigen::Vector2d ideal = x.head<2>() * inverse_z;
-  Eigen::Vector2d image = ideal;
-  PointJacobian by_camera_point;  // d residual / d x
-  by_camera_point << inverse_z, 0, -ideal.x() * inverse_z, 0, inverse_z, -ideal.y() * inverse_z;
-  if (camera_->HasDistortion()) {
-    const CameraModel::Distorted distorted = camera_->DistortWithJacobian(ideal);
-    image = distorted.value;
-    by_camera_point = distorted.jacobian * by_camera_point;
-  }
-  residual =
-      Eigen::Vector2d(camera_->fx * image.x() + camera_->cx, camera_->fy * image.y() + camera_->cy) - measured_px_;
-  by_camera_point.row(0) *= camera_->fx;
-  by_camera_point.row(1) *= camera_->fy;
-  if (wants_pose) {
+  const Collinearity c = Linearize(*camera_, r, t, point, measured_px_);
+  Eigen::Map<Eigen::Vector2d>{residuals} = c.residual_px;
+  if (jacobians == nullptr) return true;
+  if (jacobians[0] != nullptr) {
     Eigen::Map<PoseJacobian> j(jacobians[0]);
-    for (int i = 0; i < 2; ++i) {  // d x / d w = -[R X]x, so that a row g gives (R X) x g
-      const Eigen::Vector3d g = by_camera_point.row(i);
-      j.row(i).head<3>() = rotated.cross(g);
-      j.row(i).segment<3>(3) = g;
-      j(i, 6) = 0;
-    }
+    j.leftCols<6>() = ByPose(c);
+    j.col(6).setZero();
   }
-  if (wants_point) Eigen::Map<PointJacobian>{jacobians[1]} = by_camera_point * r;
+  if (jacobians[1] != nullptr) Eigen::Map<PointJacobian>{jacobians[1]} = c.by_camera_point * r;
   return true;
 }
 

@@ -17,11 +17,9 @@ inline constexpr int kPoseSize = 7;
 inline constexpr int kPoseIncrements = 6;
 
 /// Residual projected - measured in px; derivatives to the pose's increments (in the first six of seven columns, see
-/// PoseManifold) and to the point. A point on or behind the camera's plane has the constant residual kBehind and no
-/// derivatives: such a step is refused by its cost instead of ending the adjustment.
+/// PoseManifold) and to the point, as collinearity.h has them.
 class Reprojection final : public ceres::SizedCostFunction<2, kPoseSize, 3> {
  public:
-  static constexpr double kBehind_px = 1e4;
   /// `camera` must outlive the object.
   Reprojection(const CameraModel& camera, const Eigen::Vector2d& measured_px)
       : camera_(&camera), measured_px_(measured_px) {}

@@ -6,7 +6,9 @@
 #include <vector>
 
 #include "base/check.h"
+#include "stages/features/gloh.h"
 #include "stages/features/kernel_choice.h"
+#include "stages/features/pca_sift.h"
 #include "stages/features/selection.h"
 #include "stages/features/sift.h"
 #include "stages/features/surf.h"
@@ -24,12 +26,20 @@ SelectionRule RuleOf(int width_px, int height_px, const Options& options) {
   return {static_cast<std::size_t>(std::max(1, options.max_features)), options.choice == "spread", width_px, height_px};
 }
 
-SiftOptions SiftOptionsOf(const Options& options) {
-  return {
-      options.first_octave, {options.contrast_threshold, options.edge_threshold, options.root_sift}, options.octaves};
+Describer DescriberOf(const Options& options) {
+  if (options.detector == "gloh") return DescribeGloh;
+  if (options.detector == "pca-sift") return DescribePcaSift;
+  return SiftDescriber(options.root_sift);
 }
 
-bool IsSurf(const Options& options) { return options.detector != "sift"; }
+SiftOptions SiftOptionsOf(const Options& options) {
+  return {options.first_octave,
+          {options.contrast_threshold, options.edge_threshold},
+          options.octaves,
+          DescriberOf(options)};
+}
+
+bool IsSurf(const Options& options) { return options.detector.find("surf") != std::string::npos; }
 
 SurfOptions SurfOptionsOf(const Options& options) {
   return {options.hessian_threshold, options.detector == "surf-128" ? 128 : 64, options.detector == "u-surf-64"};
@@ -61,8 +71,8 @@ std::span<const OptionDeclaration<Options>> OptionDeclarations() {
        0,
        0,
        "",
-       "detector and descriptor",
-       {"sift", "surf-64", "surf-128", "u-surf-64"}},
+       "detector and descriptor; gloh and pca-sift describe the features of sift",
+       {"sift", "gloh", "pca-sift", "surf-64", "surf-128", "u-surf-64"}},
       {"max-features",
        &Options::max_features,
        1,

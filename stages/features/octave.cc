@@ -7,7 +7,6 @@
 #include <optional>
 
 #include "base/check.h"
-#include "stages/features/descriptor_bytes.h"
 #include "stages/features/fixed_math.h"
 #include "stages/features/refine.h"
 
@@ -93,8 +92,9 @@ void CopySourceRow(const GreyImage& image, int y, int begin, int count, float* o
 
 class StripRunner {
  public:
-  StripRunner(const OctaveInput& input, const SiftThresholds& thresholds, bool describe, const SiftKernels& kernels,
-              Workspace& workspace, int begin_px, int end_px, Plane& next, FeatureCollector& features)
+  StripRunner(const OctaveInput& input, const SiftThresholds& thresholds, const Describer& describe,
+              const SiftKernels& kernels, Workspace& workspace, int begin_px, int end_px, Plane& next,
+              FeatureCollector& features)
       : input_(input),
         thresholds_(thresholds),
         describe_(describe),
@@ -295,17 +295,16 @@ class StripRunner {
     for (int i = 0; i < orientations.count; ++i) {
       const double angle_rad = 2 * std::numbers::pi * static_cast<double>(orientations.turns[i]);
       const SinCosValue direction = SinCos(angle_rad);
-      alignas(64) float histogram[128];
-      kernels_.describe(patch, static_cast<float>(direction.cos), static_cast<float>(direction.sin), histogram);
       feature.keypoint.angle_rad = static_cast<float>(angle_rad);
-      feature.descriptor = SiftBytes(histogram, thresholds_.root_sift);
+      feature.descriptor =
+          describe_(kernels_, patch, static_cast<float>(direction.cos), static_cast<float>(direction.sin));
       features_.Add(feature);
     }
   }
 
   const OctaveInput& input_;
   const SiftThresholds& thresholds_;
-  bool describe_;
+  const Describer& describe_;
   const SiftKernels& kernels_;
   Workspace& w_;
   int x0_, width_;
@@ -319,7 +318,7 @@ class StripRunner {
 
 }  // namespace
 
-OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, bool describe,
+OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, const Describer& describe,
                        const SelectionRule& rule, const SiftKernels& kernels, RunContext& context) {
   const Tiling& tiling = input.source.tiling;
   const int strip_width = std::min((tiling.strip_width_px + 1) & ~1, (input.width_px + 1) & ~1);

@@ -2,10 +2,10 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <vector>
 
 #include "base/run_context.h"
+#include "stages/features/describer.h"
 #include "stages/features/feature.h"
 #include "stages/features/selection.h"
 #include "stages/features/sift_kernels.h"
@@ -21,7 +21,6 @@ struct Plane {
 /// Thresholds of the detector; contrast as a share of the grey range (Lowe 2004, section 4).
 struct SiftThresholds {
   double contrast = 0, edge_ratio = 0;
-  bool root_sift = true;
 };
 
 /// What an octave is computed from. `index` is -1 for the doubled image; pixels of it are 2^index image pixels wide and
@@ -40,8 +39,8 @@ struct OctaveOutput {
 };
 
 /// Every value is a function of its pixel's coordinates alone: the result does not depend on the tiling, and neither on
-/// the kernels. `describe` false: keypoints only, without orientation.
-OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, bool describe,
+/// the kernels. An empty `describe`: keypoints only, without orientation.
+OctaveOutput RunOctave(const OctaveInput& input, const SiftThresholds& thresholds, const Describer& describe,
                        const SelectionRule& rule, const SiftKernels& kernels, RunContext& context);
 
 /// Bytes of the workspaces of one octave at once.

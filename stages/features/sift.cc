@@ -5,6 +5,8 @@
 #include <iterator>
 #include <utility>
 
+#include "stages/features/descriptor_bytes.h"
+
 namespace rilievo::features {
 namespace {
 
@@ -23,6 +25,14 @@ float GainOf(const GreyImage& image) {
 }
 
 }  // namespace
+
+Describer SiftDescriber(bool root) {
+  return [root](const SiftKernels& kernels, const Patch& patch, float cosine, float sine) {
+    alignas(64) float histogram[128];
+    kernels.describe(patch, cosine, sine, histogram);
+    return SiftBytes(histogram, root);
+  };
+}
 
 std::vector<Feature> DetectSift(const Input& input, const SiftOptions& options, const SelectionRule& rule,
                                 const SiftKernels& kernels, RunContext& context) {

@@ -13,8 +13,8 @@ namespace rilievo::features {
 struct SiftOptions {
   int first_octave = -1;  ///< -1 doubles the image, 0 does not
   SiftThresholds thresholds;
-  int octaves = 4;       ///< at most; fewer for small images
-  bool describe = true;  ///< false leaves out orientation and descriptor
+  int octaves = 4;     ///< at most; fewer for small images
+  Describer describe;  ///< empty leaves out orientation and descriptor
 };
 
 /// The features of an image in no particular order, pruned by the rule; two at one place where two directions are as

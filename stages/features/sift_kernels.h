@@ -82,6 +82,14 @@ struct Orientations {
   float turns[kMaxOrientations];  ///< in [0, 1), from +x towards +y; strongest bin first is NOT implied
 };
 
+/// Where a patch is sampled: offsets along the feature's direction and across it, in steps of kSampleStep_sigma. Arrays
+/// are padded to a multiple of 64.
+struct SampleGrid {
+  const float* u = nullptr;
+  const float* v = nullptr;
+  int count = 0;
+};
+
 struct SiftKernels {
   std::string_view name;
   void (*upsample)(const UpsampleBlock&) = nullptr;
@@ -91,6 +99,14 @@ struct SiftKernels {
   Orientations (*orient)(const Patch&) = nullptr;
   /// 128 floats, not normalised: [cell row][cell column][orientation].
   void (*describe)(const Patch&, float cosine, float sine, float* histogram) = nullptr;
+  /// The layer, bilinearly, at the points of a grid turned by the angle; kOvershoot_px more floats may be written.
+  void (*sample)(const Patch&, const SampleGrid&, float cosine, float sine, float* values) = nullptr;
+  /// What `describe` bins: magnitude and direction in turns of the central differences at the kPatchSide^2 samples,
+  /// each kGradientFloats long. Those of the border are not set.
+  void (*gradients)(const Patch&, float cosine, float sine, float* magnitude, float* turns) = nullptr;
+  /// out = a b, row-major: a has `rows` x `inner`, b `inner` x `columns`; each value is the sum of rounded products in
+  /// ascending order. rows % 4 == 0 and columns % 16 == 0, or one row and columns % 64 == 0.
+  void (*multiply)(const float* a, int rows, int inner, const float* b, int columns, float* out) = nullptr;
   bool is_supported = true;  ///< by this processor
 };
 
@@ -102,6 +118,7 @@ const SiftKernels& ChooseSiftKernels(std::string_view name);
 extern const SiftKernels kSiftScalar, kSiftAvx2, kSiftAvx512;
 
 /// Constant tables, the same for all levels (sift_tables.cc). Lists of samples are padded to vectors.
+inline constexpr int kGradientFloats = (kPatchSide * kPatchSide + 63) / 64 * 64 + kOvershoot_px;
 inline constexpr int kPaddedPatch = (kPatchSide * kPatchSide + 63) / 64 * 64;
 inline constexpr int kPaddedOrientation = (kOrientationSide * kOrientationSide + 63) / 64 * 64;
 struct SiftTables {

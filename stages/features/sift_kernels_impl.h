@@ -310,13 +310,25 @@ Orientations Orient(const Patch& patch) {
 }
 
 template <class L>
-void Describe(const Patch& patch, float cosine, float sine, float* histogram) {
-  constexpr int kSide = kPatchSide, kSamples = kSide * kSide, kPadded = (kSamples + 63) / 64 * 64 + 64;
-  const SiftTables& tables = Tables();
-  alignas(64) float values[kPadded] = {}, magnitude[kPadded], turns[kPadded];
-  SamplePatch<L>(patch, tables.patch_u, tables.patch_v, kSamples, cosine, sine,
+void Sample(const Patch& patch, const SampleGrid& grid, float cosine, float sine, float* values) {
+  SamplePatch<L>(patch, grid.u, grid.v, grid.count, cosine, sine,
                  static_cast<float>(kSampleStep_sigma) * patch.sigma_px, values);
-  Gradients<L>(values, kSide, kSide, kSamples - kSide, magnitude, turns);
+}
+
+template <class L>
+void PatchGradients(const Patch& patch, float cosine, float sine, float* magnitude, float* turns) {
+  constexpr int kSamples = kPatchSide * kPatchSide;
+  alignas(64) float values[kGradientFloats] = {};
+  Sample<L>(patch, {Tables().patch_u, Tables().patch_v, kSamples}, cosine, sine, values);
+  Gradients<L>(values, kPatchSide, kPatchSide, kSamples - kPatchSide, magnitude, turns);
+}
+
+template <class L>
+void Describe(const Patch& patch, float cosine, float sine, float* histogram) {
+  constexpr int kSide = kPatchSide, kSamples = kSide * kSide, kPadded = kGradientFloats;
+  const SiftTables& tables = Tables();
+  alignas(64) float magnitude[kPadded], turns[kPadded];
+  PatchGradients<L>(patch, cosine, sine, magnitude, turns);
   // Each magnitude is shared by two of the 8 directions.
   alignas(64) float first[kPadded], second[kPadded];
   alignas(64) std::int32_t bins[kPadded];
@@ -359,9 +371,38 @@ void Describe(const Patch& patch, float cosine, float sine, float* histogram) {
   }
 }
 
+// ---- projections ----------------------------------------------------------------------------------------------------
+
+/// kRows x (kVectors kWidth) values of a product.
+template <class L, int kRows, int kVectors>
+void MultiplyBlock(const float* a, int inner, const float* b, int columns, float* out) {
+  typename L::F sum[kRows][kVectors];
+  for (auto& row : sum)
+    for (auto& value : row) value = L::Set(0.0F);
+  for (int i = 0; i < inner; ++i, b += columns) {
+    for (int r = 0; r < kRows; ++r) {
+      const auto factor = L::Set(a[r * inner + i]);
+      for (int v = 0; v < kVectors; ++v) sum[r][v] = sum[r][v] + factor * L::Load(b + v * L::kWidth);
+    }
+  }
+  for (int r = 0; r < kRows; ++r)
+    for (int v = 0; v < kVectors; ++v) L::Store(out + r * columns + v * L::kWidth, sum[r][v]);
+}
+
+template <class L>
+void Multiply(const float* a, int rows, int inner, const float* b, int columns, float* out) {
+  if (rows == 1) {
+    for (int x = 0; x < columns; x += 64) MultiplyBlock<L, 1, 64 / L::kWidth>(a, inner, b + x, columns, out + x);
+    return;
+  }
+  for (int r = 0; r < rows; r += 4)
+    for (int x = 0; x < columns; x += 16)
+      MultiplyBlock<L, 4, 16 / L::kWidth>(a + r * inner, inner, b + x, columns, out + r * columns + x);
+}
+
 template <class L>
 constexpr SiftKernels MakeSiftKernels(std::string_view name) {
-  return {name, Upsample<L>, Blur<L>, Search<L>, Orient<L>, Describe<L>};
+  return {name, Upsample<L>, Blur<L>, Search<L>, Orient<L>, Describe<L>, Sample<L>, PatchGradients<L>, Multiply<L>};
 }
 
 }  // namespace rilievo::features

@@ -31,18 +31,18 @@ const Kernel& ProcessKernel() {
 }
 
 /// Neighbours of a and, for a mutual check, of b.
-NeighborTable FindNeighbors(std::span<const Descriptor> a, std::span<const Descriptor> b, const Options& options,
-                            const RunContext& context) {
-  switch (MatcherFor(a.size(), b.size(), options)) {
+NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options& options, const RunContext& context) {
+  switch (MatcherFor(a.descriptors.size(), b.descriptors.size(), options)) {
     case Matcher::kKdTree:
-      return FindTwoNearestByTrees(a, b, static_cast<std::size_t>(options.kd_checks), options.mutual, ProcessKernel(),
-                                   context);
+      return FindTwoNearestByTrees(a.descriptors, b.descriptors, static_cast<std::size_t>(options.kd_checks),
+                                   options.mutual, *a.kernel, context);
     case Matcher::kCells:
-      return FindTwoNearestInCells(a, b, static_cast<std::size_t>(options.visited_cells), ProcessKernel(), context);
+      return FindTwoNearestInCells(a.descriptors, b.descriptors, static_cast<std::size_t>(options.visited_cells),
+                                   *a.kernel, context);
     case Matcher::kM2:
       break;
   }
-  return FindTwoNearest(a, b, ProcessKernel(), context);
+  return FindTwoNearest(a, b, context);
 }
 
 constexpr double kSecondsPerComparison = 1.5e-9;
@@ -117,7 +117,7 @@ TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&
   const std::size_t fewer = std::min(features_a, features_b);
   const auto visits = static_cast<std::size_t>(options.visited_cells);
   // Of no matcher fewer features may take more: the greater of the two that `auto` chooses from.
-  std::size_t table_bytes = TwoNearestBytes(features_a, features_b);
+  std::size_t table_bytes = TwoNearestBytes(features_a, features_b) + PackedBytes(features_a) + PackedBytes(features_b);
   double work = kSecondsPerComparison * a * b;
   switch (MatcherFor(features_a, features_b, options)) {
     case Matcher::kM2:
@@ -138,9 +138,20 @@ TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&
   return {.peak_bytes = (1 << 16) + table_bytes + 4 * features_b + 3 * sizeof(Match) * fewer, .work = work};
 }
 
+Prepared Prepare(std::span<const Descriptor> descriptors, const Options& options) {
+  const bool may_sweep = options.matcher == "auto" || options.matcher == "m2";
+  return may_sweep ? Prepare(descriptors, ProcessKernel()) : Prepared{descriptors, {}, &ProcessKernel()};
+}
+
 std::vector<Match> Run(std::span<const Descriptor> a, std::span<const Descriptor> b, const Options& options,
                        RunContext& context) {
-  const NeighborTable table = FindNeighbors(a, b, options, context);
+  return Run(Prepare(a, options), Prepare(b, options), options, context);
+}
+
+std::vector<Match> Run(const Prepared& prepared_a, const Prepared& prepared_b, const Options& options,
+                       RunContext& context) {
+  const std::span<const Descriptor> a = prepared_a.descriptors, b = prepared_b.descriptors;
+  const NeighborTable table = FindNeighbors(prepared_a, prepared_b, options, context);
   const std::int64_t ratio_e4 = std::llround(options.ratio * 1e4);
   // Without the mutual check several rows may want one column: the nearest gets it, the lowest of equals.
   std::vector<std::uint32_t> claim(b.size(), kUnclaimed);

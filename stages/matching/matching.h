@@ -12,6 +12,7 @@
 #include "base/task_cost.h"
 #include "block/features.h"
 #include "block/pair.h"
+#include "stages/matching/two_nearest.h"
 
 namespace rilievo::matching {
 
@@ -42,6 +43,12 @@ TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&
 /// index. All kernels (scalar, AVX2, AVX-512 VNNI; RILIEVO_KERNELS forces one) give the same matches.
 std::vector<Match> Run(std::span<const Descriptor> a, std::span<const Descriptor> b, const Options& options,
                        RunContext& context);
+
+/// The same of images prepared for the same options: an image takes part in many pairs and is packed once.
+std::vector<Match> Run(const Prepared& a, const Prepared& b, const Options& options, RunContext& context);
+
+/// The descriptors, which must outlive the result, as the sweep of m2 reads them: PackedBytes more (512 bytes each).
+Prepared Prepare(std::span<const Descriptor> descriptors, const Options& options);
 
 /// The same where features of another sign do not exist: bright blobs are compared with bright ones only (SURF; SPEC
 /// 1.2). Holds a copy of the descriptors beside what Run needs, 132 bytes each.

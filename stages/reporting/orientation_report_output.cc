@@ -7,6 +7,7 @@
 #include "base/units.h"
 #include "block/io/camera_json.h"
 #include "stages/reporting/orientation_report.h"
+#include "stages/reporting/tie_report.h"
 
 namespace rilievo::reporting {
 namespace {
@@ -94,8 +95,9 @@ std::string ToText(const Report& report, const Block& block, const OrientationRe
   text += report.models.size() > 1 ? Format(" in %zu separate components\n", report.models.size()) : "\n";
   for (const auto& list : {warnings, result.warnings})
     for (const auto& warning : list) text += "  WARNING: " + warning + "\n";
-  text += Format("  features %zu, pairs verified %zu of %zu, matches %zu of which %zu in verified pairs\n\n",
+  text += Format("  features %zu, pairs verified %zu of %zu, matches %zu of which %zu in verified pairs\n",
                  report.features, report.pairs_verified, report.pairs, report.matches, report.inliers);
+  text += TieText(result.ties) + "\n";
   for (std::size_t k = 0; k < report.models.size(); ++k)
     text += ModelText(report.models[k], k, report.models.size(), block, result.images) + "\n";
   if (!result.unoriented.empty()) {
@@ -128,6 +130,7 @@ nlohmann::json ToJson(const Report& report, const Block& block, const Orientatio
                         {"pairs_verified", report.pairs_verified},
                         {"matches", report.matches},
                         {"inliers", report.inliers},
+                        {"tie_points", TieJson(result.ties)},
                         {"warnings", all_warnings},
                         {"models", nlohmann::json::array()},
                         {"unoriented", nlohmann::json::array()},

@@ -2,6 +2,7 @@
 #include "stages/tracks/tracks.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <numeric>
 #include <utility>
@@ -221,16 +222,38 @@ std::vector<Track> Collect(const Nodes& nodes, Components& components) {
 
 }  // namespace
 
+std::span<const OptionDeclaration<Options>> OptionDeclarations() {
+  static const std::array<OptionDeclaration<Options>, 4> kDeclarations{{
+      {"closed-sequence", &Options::closed_sequence, 0, 0, "",
+       "the last images of a sequence overlap the first: triplets across its end too"},
+      {"three-view-residual", &Options::three_view_residual_px, 0.1, 100, "px",
+       "sequence: largest residual of a tie point in the third image of its triplet"},
+      {"reduce", &Options::reduce, 0, 0, "",
+       "keep only the tie points of most rays, one a grid cell of each image (leaner adjustment)"},
+      {"reduction-cell", &Options::reduction_cell_px, 0, 100000, "px",
+       "width of a grid cell, three quarters of it high; 0 = 200 px at 12 Mpx, by the root of the image size"},
+  }};
+  return kDeclarations;
+}
+
 TaskCost Estimate(std::size_t matches_in_all, std::size_t features_in_all) {
   // A match brings two features of 4 bytes, repetitions before they are dropped included. Each different one makes a
   // node (sets 32, image lists 12, track number 4, element 8), two nodes make at most one track (vector 24, head of its
   // block 16).
   constexpr std::uint64_t kBytesPerNode = 32 + 12 + 4 + 8;
   constexpr std::uint64_t kBytesPerTrack = 24 + 16;
-  const auto repeated = 2 * static_cast<std::uint64_t>(matches_in_all);
+  const auto matches = static_cast<std::uint64_t>(matches_in_all), repeated = 2 * matches;
   const std::uint64_t nodes = std::min<std::uint64_t>(repeated, features_in_all);
-  return {.peak_bytes = (1 << 20) + repeated * 4 + nodes * (kBytesPerNode + kBytesPerTrack / 2),
-          .work = 8e-7 * static_cast<double>(matches_in_all)};
+  const std::uint64_t concatenation = repeated * 4 + nodes * (kBytesPerNode + kBytesPerTrack / 2);
+  // Triplets: an image of a sequence is in at most four pairs, so matches are at most twice the features. A match is
+  // used by two triplets (8 bytes, twice while the vector grows) and brings two features to count (4 bytes, as well).
+  // Every feature has its representative (4); the larger number of features is not known where nodes bound it.
+  const std::uint64_t triplets = std::min(matches, 2 * nodes) * (2 * 2 * 8 + 2 * 2 * 4) + 8 * nodes;
+  // The reduction: all tracks and those kept (element 8), of a ray its cell and its track's rank (4, in vectors that
+  // grow), of a track its score and order (24).
+  const std::uint64_t reduction = nodes * (8 + 8 + 2 * (4 + 4)) + nodes / 2 * (2 * kBytesPerTrack + 24);
+  return {.peak_bytes = (1 << 20) + triplets + std::max(concatenation, reduction),
+          .work = 1.6e-6 * static_cast<double>(matches_in_all)};
 }
 
 std::vector<Track> Run(std::span<const TwoViewGeometry> pairs, RunContext& context) {

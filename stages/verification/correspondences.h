@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "geometry/robust/two_view_problems.h"
@@ -14,7 +15,11 @@ namespace rilievo::verification {
 /// camera.
 struct Correspondences {
   PointPairs pairs;
-  std::vector<std::vector<std::uint32_t>> matches;  ///< for each pair of points, the indices of its matches
+  std::vector<std::uint32_t> matches;  ///< indices of matches, those of one pair of points together
+  std::vector<std::uint32_t> begins;   ///< of each pair of points in `matches`, and the end of the last
+  std::span<const std::uint32_t> MatchesOf(std::size_t i) const {
+    return std::span(matches).subspan(begins[i], begins[i + 1] - begins[i]);
+  }
 };
 
 /// The order depends on the matches and the seed only.

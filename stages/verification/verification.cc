@@ -29,6 +29,8 @@ constexpr double kLmedsToSampson = 0.5;
 constexpr double kBreakdown = 4;  // a bound of LMedS that many thresholds wide: more than half of the matches are wrong
 constexpr double kLogSignificance = -13.8;  // at most one in a million unrelated pairs
 
+constexpr double kRotationShare = 0.9;  // of the inliers, from which on a rotation explains the pair
+
 struct Epipolar {
   Eigen::Matrix3d matrix;              // in ideal coordinates
   std::vector<std::uint32_t> inliers;  // items of the correspondences
@@ -65,35 +67,19 @@ std::vector<std::uint32_t> SampsonInliers(const PointPairs& pairs, const Eigen::
   return inliers;
 }
 
-/// How probably a wrong match agrees with the model: the share of the matches re-paired with other matches' partners
-/// that do, which sees how the keypoints really lie. Never below the area of a band of the threshold's width.
-double ChanceAgreement(const PointPairs& pairs, const Eigen::Matrix3d& matrix, double threshold_px,
-                       const Camera& camera) {
-  constexpr std::size_t kShifts = 8;
-  const std::size_t n = pairs.Size();
-  std::size_t agreeing = 0, tried = 0;
-  for (std::size_t shift = 1; shift <= std::min(kShifts, n - 1); ++shift) {
-    for (std::size_t i = 0; i < n; ++i) {
-      const std::size_t j = (i + shift) % n;
-      agreeing +=
-          SquaredSampson(matrix, pairs.First()[i], pairs.Second()[j], pairs.Variances()) <= threshold_px * threshold_px
-              ? 1
-              : 0;
-      ++tried;
-    }
-  }
-  const double measured = tried > 0 ? static_cast<double>(agreeing) / static_cast<double>(tried) : 1;
+/// How probably a wrong match agrees with the model, never below the area of a band of the threshold's width.
+double Chance(const PointPairs& pairs, const Eigen::Matrix3d& matrix, double threshold_px, const Camera& camera) {
   const double width = std::max(1, camera.width_px), height = std::max(1, camera.height_px);
   const double band = 2 * threshold_px * std::hypot(width, height) / (width * height);
-  return std::max(measured, std::min(band, 0.5));
+  return std::max(ChanceAgreement(pairs, matrix, threshold_px), std::min(band, 0.5));
 }
 
 bool IsSignificant(const PointPairs& pairs, const Epipolar& model, int sample_size, int models_a_sample, int trials,
                    const Camera& camera) {
-  const double chance = ChanceAgreement(pairs, model.matrix, model.threshold_px, camera);
+  const double chance = Chance(pairs, model.matrix, model.threshold_px, camera);
   const double tests = 10.0 * models_a_sample * std::max(trials, 100);  // local optimisation looks around each model
-  return LogFalseAlarms(model.inliers.size(), pairs.Size(), static_cast<std::size_t>(sample_size), chance, tests) <
-         kLogSignificance;
+  return LogFalseAlarms(model.inliers.size(), pairs.Size(), static_cast<std::size_t>(sample_size), chance, tests,
+                        kLogSignificance) < kLogSignificance;
 }
 
 std::optional<Epipolar> EstimateEssential(const PointPairs& pairs, const RobustOptions& loop, const Camera& camera,
@@ -106,8 +92,7 @@ std::optional<Epipolar> EstimateEssential(const PointPairs& pairs, const RobustO
   Epipolar result{estimate->model, {}, SampsonThreshold(loop, estimate->threshold)};
   if (result.threshold_px > kBreakdown * loop.threshold) return std::nullopt;
   // The closing adjustment, on the inliers, to convergence.
-  const PointPairs inliers = pairs.Subset(estimate->inliers);
-  if (const auto refined = RefineEssential(inliers.First(), inliers.Second(), pairs.Variances(), estimate->model)) {
+  if (const auto refined = RefineEssential(pairs.Arrays(estimate->inliers), pairs.Variances(), estimate->model)) {
     result.matrix = *refined;
   }
   result.inliers = SampsonInliers(pairs, result.matrix, result.threshold_px);
@@ -149,14 +134,13 @@ PlaneFit FitPlane(const PointPairs& inliers, double threshold_px, const RobustOp
 /// of.
 std::optional<Eigen::Matrix3d> PureRotation(const PointPairs& inliers, double threshold_px, const RobustOptions& loop,
                                             std::uint64_t seed) {
-  constexpr double kShare = 0.9;
   constexpr int kTrials = 30;  // 0.9^2 of the samples are good
   RobustOptions options = loop;
   options.estimator = RobustEstimator::kMapsac;
   options.threshold = kTransferFactor * threshold_px;
   options.max_trials = std::min(options.max_trials, kTrials);
   const auto estimate = EstimateRobustly(RotationProblem(inliers), options, seed);
-  if (!estimate || static_cast<double>(estimate->inliers.size()) < kShare * static_cast<double>(inliers.Size()))
+  if (!estimate || static_cast<double>(estimate->inliers.size()) < kRotationShare * static_cast<double>(inliers.Size()))
     return std::nullopt;
   return estimate->model.matrix;
 }
@@ -190,7 +174,7 @@ std::vector<Match> MatchesOf(const Correspondences& all, const std::vector<std::
                              std::span<const Match> matches) {
   std::vector<Match> result;
   for (const auto i : items) {
-    for (const auto index : all.matches[i]) result.push_back(matches[index]);
+    for (const auto index : all.MatchesOf(i)) result.push_back(matches[index]);
   }
   std::sort(result.begin(), result.end());
   return result;
@@ -228,8 +212,8 @@ Orientation OrientPlanar(const PointPairs& pairs, const Epipolar& model, const E
   Orientation best = Orient(pairs, model);
   for (const Rigid3& pose : DecomposeHomography(plane)) {
     const Eigen::Matrix3d start = EssentialFromPose(pose);
-    const PointPairs inliers = pairs.Subset(SampsonInliers(pairs, start, model.threshold_px));
-    const auto refined = RefineEssential(inliers.First(), inliers.Second(), pairs.Variances(), start);
+    const PairArrays inliers = pairs.Arrays(SampsonInliers(pairs, start, model.threshold_px));
+    const auto refined = RefineEssential(inliers, pairs.Variances(), start);
     if (!refined) continue;
     const Epipolar candidate{*refined, SampsonInliers(pairs, *refined, model.threshold_px), model.threshold_px};
     Orientation other = Orient(pairs, candidate);
@@ -253,7 +237,10 @@ void DescribeCalibrated(const Input& input, const Options& options, const PointP
   const PlaneFit plane = FitPlane(inliers, model.threshold_px, loop, SeedFor(seed, 1));
   geometry.homography_ratio = plane.share;
   const bool planar = plane.share > options.planar_ratio;
-  if (const auto rotation = PureRotation(inliers, model.threshold_px, loop, SeedFor(seed, 2))) {
+  // A rotation is a homography: where less than that share lies on one, there is none.
+  const bool may_rotate = plane.share > kRotationShare - 0.1;
+  const auto rotation = may_rotate ? PureRotation(inliers, model.threshold_px, loop, SeedFor(seed, 2)) : std::nullopt;
+  if (rotation) {
     geometry.model = TwoViewModel::kHomography;
     geometry.second_from_first = Rigid3(*rotation, Eigen::Vector3d::Zero());
     geometry.matrix = HomographyInPixels(*rotation, input);

@@ -1,4 +1,4 @@
-// Verification of a pair: essential matrix (calibrated) or fundamental matrix by robust estimation, homography beside it.
+// Verification of a pair: essential (calibrated) or fundamental matrix by robust estimation, homography beside it.
 #pragma once
 
 #include <span>
@@ -18,11 +18,11 @@ struct Options {
   double confidence = 0.9999;
   int max_trials = 10000;
   int min_inliers = 15;
-  double planar_ratio = 0.8;         ///< H inliers / E inliers above which the pair is planar or rotation only
+  double planar_ratio = 0.8;  ///< H inliers / E inliers above which the pair is planar or rotation only
 };
 
 std::span<const OptionDeclaration<Options>> OptionDeclarations();
-inline constexpr int kVersion = 1;
+inline constexpr int kVersion = 2;
 
 TaskCost Estimate(std::size_t matches);
 
@@ -36,9 +36,10 @@ struct Input {
 };
 
 /// Calibrated cameras: E by the five-point solver on undistorted rays, relative pose by cheirality, inliers by Sampson
-/// distance. Cameras whose focal length is a guess (CalibrationSource::kGuessed) get F by the seven-point solver as well and
-/// keep whichever model has more support. H always beside: its ratio is reported, and the pair is kHomography when planar or
-/// rotation only. Seeds: SeedFor(context.Seed(), first, second). Never throws for bad geometry: the reason is in the result.
+/// distance. Cameras whose focal length is a guess (CalibrationSource::kGuessed) get F by the seven-point solver as
+/// well and keep whichever model has more support. H always beside: its ratio is reported, and the pair is kHomography
+/// when planar or rotation only. Seeds: SeedFor(context.Seed(), first, second). Never throws for bad geometry: the
+/// reason is in the result.
 TwoViewGeometry Run(const Input& input, const Options& options, RunContext& context);
 
 }  // namespace rilievo::verification

@@ -81,6 +81,13 @@ class Features(ProgramTest):
         strongest = sorted((row["response"] for row in every), reverse=True)[:100]
         self.assertEqual(sorted((row["response"] for row in few), reverse=True), strongest)
 
+    def test_other_descriptors_belong_to_the_features_of_sift(self):
+        sift = self.features(self.image)[1]
+        for detector in ("gloh", "pca-sift"):
+            self.assertEqual(self.features(self.image, "--detector", detector)[1], sift, detector)
+        self.assertNotEqual(self.features(self.image, "--detector", "surf-128")[1], sift)
+        self.assert_one_line(rilievo("features", self.image, "--detector", "gloss"), "--detector", "gloh", "pca-sift", code=2)
+
     def test_a_drawing_has_the_size_of_the_image(self):
         drawing = self.scratch / "drawn.png"
         done = rilievo("features", self.image, "--draw", drawing)

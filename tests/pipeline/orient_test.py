@@ -27,6 +27,20 @@ class Orient(ProgramTest):
         info = rilievo("info", self.scratch / "workspace")
         self.assertIn("6 of 6 images", info.stdout)
 
+    def test_other_descriptors_orient_as_well(self):
+        workspace = self.scratch / "workspace"
+        self.assertEqual(self.orient().returncode, 0)
+        for detector in ("gloh", "pca-sift"):
+            with self.subTest(detector):
+                before = set(artifacts(workspace))
+                done = self.orient(None, None, workspace, "--detector", detector)
+                self.assertEqual(done.returncode, 0, done.stderr)
+                made = set(artifacts(workspace)) - before
+                self.assertEqual(len([name for name in made if name.startswith("features")]), 6)
+                self.assertEqual(self.report()["oriented"], 6)
+                truth = rilievo("report", workspace, "--json", "--truth", self.block / "scene.json")
+                self.assertLess(json.loads(truth.stdout)["truth"]["mean_centre_error_relative"], 1 / 2000)
+
     def test_straight_from_the_scene_file_without_disk(self):
         done = self.orient(self.block / "scene.json", False)
         self.assertEqual(done.returncode, 0, done.stderr)

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "base/rng.h"
+#include "bench/accuracy/m2_peaks.h"
 #include "stages/matching/two_nearest.h"
 
 namespace rilievo::matching {
@@ -36,51 +37,14 @@ void TwoNearest(benchmark::State& state, const Kernel& kernel) {
   const auto a = RandomSift(static_cast<std::size_t>(state.range(0)), 1),
              b = RandomSift(static_cast<std::size_t>(state.range(1)), 2);
   const SerialRunContext context;
-  for (auto _ : state) benchmark::DoNotOptimize(FindTwoNearest(a, b, kernel, context));
+  const Prepared prepared_a = Prepare(a, kernel), prepared_b = Prepare(b, kernel);
+  for (auto _ : state) benchmark::DoNotOptimize(FindTwoNearest(prepared_a, prepared_b, context));
   SetRate(state, 128.0 * static_cast<double>(a.size() * b.size()));
 }
 
-constexpr int kPeakRounds = 100'000;
-
-/// 24 independent chains of vpdpbusd on registers: 64 products each.
-void PeakOfAvx512(benchmark::State& state) {
-  for (auto _ : state) {
-    asm volatile(
-        "mov %0, %%ecx\n"
-        "1:\n"
-        ".irp reg,0,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,18,19,20,21,22,23\n"
-        "vpdpbusd %%zmm31, %%zmm30, %%zmm\\reg\n"
-        ".endr\n"
-        "dec %%ecx\n"
-        "jnz 1b\n"
-        "vzeroupper\n"
-        :
-        : "i"(kPeakRounds)
-        : "ecx", "cc", "memory", "xmm0", "xmm1", "xmm2", "xmm3", "xmm4", "xmm5", "xmm6", "xmm7", "xmm8", "xmm9",
-          "xmm10", "xmm11", "xmm12", "xmm13", "xmm14", "xmm15");
-  }
-  SetRate(state, 24.0 * 64 * kPeakRounds);
-}
-
-/// 12 independent chains of vpmaddwd and vpaddd on registers: 16 products each.
-void PeakOfAvx2(benchmark::State& state) {
-  for (auto _ : state) {
-    asm volatile(
-        "mov %0, %%ecx\n"
-        "1:\n"
-        ".irp reg,0,1,2,3,4,5,6,7,8,9,10,11\n"
-        "vpmaddwd %%ymm15, %%ymm14, %%ymm13\n"
-        "vpaddd %%ymm13, %%ymm\\reg, %%ymm\\reg\n"
-        ".endr\n"
-        "dec %%ecx\n"
-        "jnz 1b\n"
-        "vzeroupper\n"
-        :
-        : "i"(kPeakRounds)
-        : "ecx", "cc", "memory", "xmm0", "xmm1", "xmm2", "xmm3", "xmm4", "xmm5", "xmm6", "xmm7", "xmm8", "xmm9",
-          "xmm10", "xmm11", "xmm12", "xmm13", "xmm14", "xmm15");
-  }
-  SetRate(state, 12.0 * 16 * kPeakRounds);
+void Peak(benchmark::State& state, const bench::PeakLoop& loop) {
+  for (auto _ : state) loop.run();
+  SetRate(state, loop.products);
 }
 
 /// Registers what this processor can run; the work happens in the static's initialiser because the main function is the
@@ -93,8 +57,10 @@ const bool kRegistered = [] {
         ->Args({8192, 8192})
         ->Args({40960, 8192})
         ->Unit(benchmark::kMillisecond);
-    if (name == "avx2") benchmark::RegisterBenchmark("peak/avx2", PeakOfAvx2)->Unit(benchmark::kMillisecond);
-    if (name == "avx512") benchmark::RegisterBenchmark("peak/avx512", PeakOfAvx512)->Unit(benchmark::kMillisecond);
+    if (name == "avx2")
+      benchmark::RegisterBenchmark("peak/avx2", Peak, bench::kPeakAvx2)->Unit(benchmark::kMillisecond);
+    if (name == "avx512")
+      benchmark::RegisterBenchmark("peak/avx512", Peak, bench::kPeakAvx512)->Unit(benchmark::kMillisecond);
   }
   return true;
 }();

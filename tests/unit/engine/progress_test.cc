@@ -42,7 +42,8 @@ class ProgressTest : public ::testing::Test {
     for (std::string line; std::getline(stream, line);) lines.push_back(line);
     return lines;
   }
-  void RunOne(Progress& progress, std::uint32_t id, const Task& task, double seconds_s, TaskOutcome outcome = {TaskState::kDone, false, ""}) {
+  void RunOne(Progress& progress, std::uint32_t id, const Task& task, double seconds_s,
+              TaskOutcome outcome = {TaskState::kDone, false, 0, 0, ""}) {
     progress.OnTaskStarted(TaskId(id), task, 0);
     now_s_ += seconds_s;
     progress.OnTaskFinished(TaskId(id), task, outcome, {});
@@ -68,8 +69,8 @@ TEST_F(ProgressTest, JsonLinesCarryCountsRateTimeLeftAndFraction) {
   EXPECT_DOUBLE_EQ(last["rate_per_s"], 0.1);
   EXPECT_DOUBLE_EQ(last["eta_s"], 30);
   EXPECT_DOUBLE_EQ(last["fraction"], 0.25);
-  RunOne(*progress, 1, task, 10, {TaskState::kFailed, false, "it \"broke\""});
-  RunOne(*progress, 2, task, 0, {TaskState::kDone, true, ""});
+  RunOne(*progress, 1, task, 10, {TaskState::kFailed, false, 0, 0, "it \"broke\""});
+  RunOne(*progress, 2, task, 0, {TaskState::kDone, true, 0, 0, ""});
   RunOne(*progress, 3, task, 10);
   progress->Finish();
   progress->Finish();
@@ -111,7 +112,7 @@ TEST_F(ProgressTest, ReusedTasksSayNothingAboutSpeed) {
   const auto progress = Make(ProgressStyle::kJson);
   const Task task = MakeTask("s", 0, 1);
   for (std::uint32_t i = 0; i < 102; ++i) progress->OnTaskAdded(TaskId(i), task);
-  for (std::uint32_t i = 0; i < 100; ++i) RunOne(*progress, i, task, 0, {TaskState::kDone, true, ""});
+  for (std::uint32_t i = 0; i < 100; ++i) RunOne(*progress, i, task, 0, {TaskState::kDone, true, 0, 0, ""});
   RunOne(*progress, 100, task, 7);
   const auto last = nlohmann::json::parse(Lines().at(Lines().size() - 2));
   EXPECT_DOUBLE_EQ(last["eta_s"], 7);
@@ -137,7 +138,7 @@ TEST_F(ProgressTest, TheTerminalShowsOneLineAStageAndTheTotal) {
   const Task a = MakeTask("images", 0, 1), b = MakeTask("matching", 1, 1);
   for (std::uint32_t i = 0; i < 20; ++i) progress->OnTaskAdded(TaskId(i), i < 10 ? a : b);
   for (std::uint32_t i = 0; i < 15; ++i) RunOne(*progress, i, i < 10 ? a : b, 0.05);
-  RunOne(*progress, 15, b, 0.05, {TaskState::kFailed, false, "no"});
+  RunOne(*progress, 15, b, 0.05, {TaskState::kFailed, false, 0, 0, "no"});
   progress->Finish();
   // The screen: what the cursor movements leave of the lines.
   std::vector<std::string> screen;

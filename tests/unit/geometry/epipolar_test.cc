@@ -45,7 +45,7 @@ TEST(EssentialRefinement, ReachesTheMinimumFromNearby) {
     const Rigid3 off(
         Eigen::Quaterniond(Eigen::AngleAxisd(0.01, RandomDirection(rng))) * scene.second_from_first.rotation,
         (scene.second_from_first.translation + 0.02 * RandomDirection(rng)).normalized());
-    const auto refined = RefineEssential(scene.first, scene.second, {}, EssentialFromPose(off));
+    const auto refined = RefineEssential(PairArrays(scene.first, scene.second), {}, EssentialFromPose(off));
     ASSERT_TRUE(refined);
     EXPECT_LT(cost(*refined), cost(scene.Essential()));
     // No neighbouring essential matrix is better.

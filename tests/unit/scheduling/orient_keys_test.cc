@@ -67,6 +67,30 @@ TEST(ComputeKeys, AMaskCountsByItsContentForItsImage) {
   EXPECT_NE(ComputeKeys(block, {}, "base").features[2], without.features[2]);
 }
 
+TEST(ComputeKeys, OptionsOfTiePointsLeaveMatchesAlone) {
+  const Block block = MakeBlock(7);
+  OrientOptions options;
+  options.network = Network::kSequence;
+  const OrientKeys before = ComputeKeys(block, options, "base");
+  options.tracks.reduce = !options.tracks.reduce;
+  const OrientKeys reduced = ComputeKeys(block, options, "base");
+  EXPECT_EQ(before.pairs, reduced.pairs);
+  EXPECT_NE(before.orientation, reduced.orientation);
+  options.tracks.closed_sequence = true;
+  std::size_t pairs = 0;
+  for (const PairTile& tile : ComputeKeys(block, options, "base").tiles) pairs += tile.pairs.size();
+  EXPECT_EQ(pairs, 14U);
+}
+
+TEST(ComputeKeys, ThreeImagesHaveTheirTiePointsByTheNetwork) {
+  const Block block = MakeBlock(3);
+  OrientOptions sequence;
+  sequence.network = Network::kSequence;
+  const OrientKeys a = ComputeKeys(block, {}, "base"), b = ComputeKeys(block, sequence, "base");
+  EXPECT_EQ(a.pairs, b.pairs);
+  EXPECT_NE(a.orientation, b.orientation);
+}
+
 TEST(ComputeKeys, AnImageAddedAtTheEndKeepsWhatIsDone) {
   const OrientKeys before = ComputeKeys(MakeBlock(6), {}, "base"), after = ComputeKeys(MakeBlock(8), {}, "base");
   for (const auto& key : before.features)
@@ -95,6 +119,41 @@ TEST(ComputeKeys, AnOptionInvalidatesItsStageAndWhatFollows) {
   options.matching.ratio = 0.7;
   EXPECT_EQ(ComputeKeys(block, options, "base").features, base.features);
   EXPECT_NE(ComputeKeys(block, options, "base").pairs, base.pairs);
+}
+
+TEST(ComputeKeys, AListedPairCountsForTheOrientation) {
+  const Block block = MakeBlock(5);
+  OrientOptions options;
+  options.network = Network::kList;
+  options.listed = {{ImageId(0), ImageId(1)}, {ImageId(1), ImageId(4)}};
+  const OrientKeys before = ComputeKeys(block, options, "base");
+  std::size_t pairs = 0;
+  for (const PairTile& tile : before.tiles) pairs += tile.pairs.size();
+  EXPECT_EQ(pairs, 2U);
+  options.listed.pop_back();
+  EXPECT_NE(ComputeKeys(block, options, "base").orientation, before.orientation);
+}
+
+TEST(ComputeKeys, AGuidedOrientationIsKnownBeforeItsTiles) {
+  Block block = MakeBlock(6);
+  OrientOptions options;
+  options.network = Network::kGuided;
+  const OrientKeys base = ComputeKeys(block, options, "base");
+  EXPECT_TRUE(base.tiles.empty());
+  EXPECT_FALSE(base.tiles_complete);
+  const auto orientation = [&] { return ComputeKeys(block, options, "base").orientation; };
+  EXPECT_EQ(orientation(), base.orientation);
+  EXPECT_NE(ComputeKeys(block, {}, "base").orientation, base.orientation);
+  options.pairs.neighbours += 1;
+  EXPECT_EQ(orientation(), base.orientation) << "an option of spatial blocks";
+  options.pairs.guided_features += 1;
+  EXPECT_NE(orientation(), base.orientation);
+  options.pairs = {};
+  options.matching.ratio = 0.7;
+  EXPECT_NE(orientation(), base.orientation);
+  options.matching = {};
+  block.images[2].content.bytes[0] ^= 1;
+  EXPECT_NE(orientation(), base.orientation);
 }
 
 }  // namespace

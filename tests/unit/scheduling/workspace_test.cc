@@ -28,6 +28,8 @@ class WorkspaceTest : public testing::Test {
     record.images = images;
     record.processor_level = "avx2";
     record.options.network = Network::kSequence;
+    record.options.tracks.closed_sequence = true;
+    record.options.tracks.reduction_cell_px = 0.1 + 120;
     record.options.matching.ratio = 0.1 + 0.6;  // not a short decimal
     record.options.verification.estimator = "lmeds";
     record.warnings = {"a \"quoted\" warning"};
@@ -75,6 +77,41 @@ TEST_F(WorkspaceTest, RecordComesBack) {
   // Every bit that results depend on is there: the keys are the same.
   EXPECT_EQ(ComputeKeys(read->block, read->options, read->processor_level).orientation,
             ComputeKeys(record.block, record.options, record.processor_level).orientation);
+}
+
+TEST_F(WorkspaceTest, ListedPairsComeBackAndAreChecked) {
+  RunRecord record = MakeRecord(dir_);
+  for (const char* name : {"b.jpg", "c.jpg"}) {
+    record.block.images.push_back(record.block.images[0]);
+    record.block.images.back().name = name;
+  }
+  record.options.network = Network::kSpatial;
+  record.options.pairs.max_distance_m = 12.25;
+  record.options.listed = {{ImageId(0), ImageId(2)}, {ImageId(1), ImageId(2)}};
+  Workspace::OpenOrCreate(dir_ / "w").WriteRecord(record);
+  const auto read = Workspace::Open(dir_ / "w").ReadRecord();
+  ASSERT_TRUE(read);
+  EXPECT_EQ(read->options.network, Network::kSpatial);
+  EXPECT_EQ(read->options.pairs.max_distance_m, 12.25);
+  EXPECT_EQ(read->options.listed, record.options.listed);
+  auto json = nlohmann::json::parse(std::ifstream(dir_ / "w/run.json"));
+  for (const char* wrong : {"0 3", "2 1", "1 1"}) {
+    json["options"]["listed_pairs"] = wrong;
+    std::ofstream(dir_ / "w/run.json") << json;
+    EXPECT_THROW(Workspace::Open(dir_ / "w").ReadRecord(), Error) << wrong;
+  }
+}
+
+TEST_F(WorkspaceTest, RecordsOfBeforeBlockTypesHadOptionsAreRead) {
+  Workspace::OpenOrCreate(dir_ / "w").WriteRecord(MakeRecord(dir_));
+  auto json = nlohmann::json::parse(std::ifstream(dir_ / "w/run.json"));
+  json["options"].erase("pairs");
+  json["options"].erase("listed_pairs");
+  std::ofstream(dir_ / "w/run.json") << json;
+  const auto read = Workspace::Open(dir_ / "w").ReadRecord();
+  ASSERT_TRUE(read);
+  EXPECT_EQ(read->options.network, Network::kSequence);
+  EXPECT_TRUE(read->options.listed.empty());
 }
 
 TEST_F(WorkspaceTest, RecordsOfBeforeMasksAreRead) {

@@ -5,6 +5,8 @@
 
 #include <set>
 
+#include "geometry/solvers/model_list.h"
+
 namespace rilievo {
 namespace {
 

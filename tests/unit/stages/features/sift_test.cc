@@ -159,7 +159,8 @@ TEST(Sift, AllKernelsGiveTheSameBytes) {
   SerialRunContext context;
   const SelectionRule rule{1 << 20, false, image.width_px, image.height_px};
   const auto detect = [&](const SiftKernels& kernels, int first_octave) {
-    return SelectFeatures(DetectSift({image}, {first_octave, {0.01, 10, true}}, rule, kernels, context), rule);
+    return SelectFeatures(
+        DetectSift({image}, {first_octave, {0.01, 10}, 4, SiftDescriber(true)}, rule, kernels, context), rule);
   };
   for (const int first_octave : {-1, 0}) {
     const std::vector<Feature> expected = detect(kSiftScalar, first_octave);
