@@ -28,6 +28,7 @@ std::vector<Descriptor> Pool(const std::vector<std::string>& images, std::size_t
 
 /// Fewer of them where each takes minutes.
 std::vector<int> ChecksFor(std::size_t features) {
+  if (features > 300'000) return {256};
   return features > 150'000 ? std::vector<int>{256, 1024} : std::vector<int>{64, 256, 1024};
 }
 

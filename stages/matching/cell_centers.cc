@@ -55,7 +55,7 @@ std::vector<Descriptor> CellCenters(std::span<const Descriptor> a, std::span<con
 
 std::size_t CellCentersBytes(std::size_t cells) {
   return cells * (kSamplesPerCell + 1) * sizeof(Descriptor) + cells * (sizeof(Sums) + 4) +
-         TwoNearestBytes(cells * kSamplesPerCell, cells);
+         TwoNearestBytes(cells * kSamplesPerCell, cells) + PackedBytes(cells * kSamplesPerCell) + PackedBytes(cells);
 }
 
 }  // namespace rilievo::matching

@@ -122,12 +122,12 @@ NeighborTable FindTwoNearestInCells(std::span<const Descriptor> a, std::span<con
 
 std::size_t TwoNearestInCellsBytes(std::size_t a, std::size_t b, std::size_t visits) {
   const std::size_t cell_count = CellCount(b);
-  if (visits >= cell_count) return TwoNearestBytes(a, b);
+  if (visits >= cell_count) return TwoNearestBytes(a, b) + PackedBytes(a) + PackedBytes(b);
   // Cells of every visit and the lists, one after the other sorted; a cell may hold all of b.
   const std::size_t lists = a * visits * (2 + 4) + b * (2 + 4) + 24 * cell_count;
   const std::size_t gathered = sizeof(Descriptor) * (kRowsPerSweep + 2 * b);
   return sizeof(BestTwo) * (a + b) + cell_count * (sizeof(Descriptor) + 16) + CellCentersBytes(cell_count) + lists +
-         gathered + TwoNearestBytes(kRowsPerSweep, b);
+         gathered + TwoNearestBytes(kRowsPerSweep, b) + PackedBytes(kRowsPerSweep) + PackedBytes(b);
 }
 
 }  // namespace rilievo::matching

@@ -156,7 +156,7 @@ std::uint32_t KdSearch::Descend(const Descriptor& query, std::uint32_t branch) {
     const bool is_first = value < split;
     const std::int32_t offset = is_first ? split - value : value - (split - 1);
     const std::int32_t offset_sq = offset * offset;
-    const std::int32_t bound_sq = branches_[branch].bound_sq + offset_sq;
+    const std::int32_t bound_sq = branches_[branch].bound_sq - OffsetSq(branch, inner.dimension) + offset_sq;
     Push({.node = is_first ? inner.second : node + 1,
           .parent = branch,
           .bound_sq = bound_sq,

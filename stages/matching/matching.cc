@@ -117,7 +117,8 @@ TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&
   const std::size_t fewer = std::min(features_a, features_b);
   const auto visits = static_cast<std::size_t>(options.visited_cells);
   // Of no matcher fewer features may take more: the greater of the two that `auto` chooses from.
-  std::size_t table_bytes = TwoNearestBytes(features_a, features_b) + PackedBytes(features_a) + PackedBytes(features_b);
+  const std::size_t packed_bytes = PackedBytes(features_a) + PackedBytes(features_b);
+  std::size_t table_bytes = packed_bytes + TwoNearestBytes(features_a, features_b);
   double work = kSecondsPerComparison * a * b;
   switch (MatcherFor(features_a, features_b, options)) {
     case Matcher::kM2:
@@ -130,7 +131,8 @@ TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&
       break;
     }
     case Matcher::kCells:
-      table_bytes = std::max(table_bytes, TwoNearestInCellsBytes(features_a, features_b, visits));
+      // `auto` has prepared both images for m2 before it knows of the pair.
+      table_bytes = std::max(table_bytes, packed_bytes + TwoNearestInCellsBytes(features_a, features_b, visits));
       work *= std::min(1.0, 1.1 * options.visited_cells / static_cast<double>(CellCount(features_b)));
       work += 2e-9 * a * static_cast<double>(CellCount(features_b));
       break;

@@ -160,15 +160,19 @@ void ExpectEqual(const std::vector<BestTwo>& found, const std::vector<BestTwo>& 
 TEST(KdMatching, WithoutLimitTheTableIsThatOfTheSweep) {
   const SerialRunContext context;
   const Descriptors sift = test::SiftLike(400, 11);
-  // Two bytes that vary: every path splits each of them several times, so offsets must replace each other.
-  Descriptors plane_a = test::AnyBytes(600, 21), plane_b = test::AnyBytes(900, 22);
-  for (Descriptors* plane : {&plane_a, &plane_b})
-    for (Descriptor& d : *plane) std::fill(d.begin() + 2, d.end(), std::uint8_t{9});
+  // One byte varies most, so every path splits it several times; the nearest differs in this byte alone, by 70, and its
+  // cell is entered only where offsets in the byte replace each other: their sum exceeds all other distances.
+  Descriptors wide_b = test::AnyBytes(900, 22, 0, 20), wide_a(wide_b.begin(), wide_b.begin() + 300);
+  Rng rng(23);
+  for (std::size_t i = 0; i < wide_b.size(); ++i) {
+    wide_b[i][0] = static_cast<std::uint8_t>(rng.Below(256));
+    if (i < 300) wide_a[i][0] = static_cast<std::uint8_t>(wide_b[i][0] < 128 ? wide_b[i][0] + 70 : wide_b[i][0] - 70);
+  }
   const std::vector<std::pair<Descriptors, Descriptors>> pairs = {{sift, test::SecondView(sift, 15, 12)},
                                                                   {test::Ties(301, 13), test::Ties(517, 14)},
                                                                   {test::AnyBytes(90, 15), test::AnyBytes(133, 16)},
                                                                   {sift, {sift[5]}},
-                                                                  {plane_a, plane_b},
+                                                                  {wide_a, wide_b},
                                                                   {sift, {}},
                                                                   {{}, sift}};
   for (const auto& [a, b] : pairs) {
