@@ -138,15 +138,26 @@ class Chosen(ProgramTest):
         path.write_text("\n".join(lines) + "\n")
         return path
 
-    def test_a_list_of_the_pairs_of_a_sequence_is_a_sequence(self):
+    def test_a_list_of_all_pairs_is_a_sparse_block(self):
+        names = self.names()
+        listed = self.write(*(f"{a} {b}" for i, a in enumerate(names) for b in names[i + 1:]))
+        done = self.orient(None, None, self.scratch / "list", "--network", "list", "--pairs", listed)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(self.orient(None, None, self.scratch / "sparse", "--network", "sparse").returncode, 0)
+        self.assertEqual(self.export(self.scratch / "list", name="a"), self.export(self.scratch / "sparse", name="b"))
+        self.assertEqual(set(artifacts(self.scratch / "list")), set(artifacts(self.scratch / "sparse")))
+
+    def test_a_list_of_the_pairs_of_a_sequence_matches_what_a_sequence_matches(self):
+        """Its tie points are another matter: only a sequence has triplets."""
         names = self.names()
         pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1:i + 3]]
         listed = self.write("# triplets", *(f'"{b}"\t{a}' if i % 2 else f"{a} {b}" for i, (a, b) in enumerate(pairs)))
         done = self.orient(None, None, self.scratch / "list", "--network", "list", "--pairs", listed)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertEqual(self.orient(None, None, self.scratch / "sequence", "--network", "sequence").returncode, 0)
-        self.assertEqual(self.export(self.scratch / "list", name="a"), self.export(self.scratch / "sequence", name="b"))
-        self.assertEqual(set(artifacts(self.scratch / "list")), set(artifacts(self.scratch / "sequence")))
+        matched = [{name for name in artifacts(self.scratch / network) if "orientation" not in name} for network in ("list", "sequence")]
+        self.assertGreaterEqual(len(matched[0]), len(names) + 1)
+        self.assertEqual(*matched)
         # The record alone finds the pairs again: the file is not needed for a report.
         listed.unlink()
         self.assertEqual(len(self.report(self.scratch / "list")["pair_list"]), len(pairs))
