@@ -16,7 +16,7 @@
 namespace rilievo::bench {
 namespace {
 
-std::vector<float> Floats(std::span<const Descriptor> descriptors) {
+[[maybe_unused]] std::vector<float> Floats(std::span<const Descriptor> descriptors) {
   std::vector<float> floats;
   floats.reserve(128 * descriptors.size());
   for (const Descriptor& d : descriptors) floats.insert(floats.end(), d.begin(), d.end());
