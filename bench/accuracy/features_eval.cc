@@ -1,11 +1,9 @@
 // Measures the features of the stage beside OpenCV's: one sub-command, one JSON object on stdout.
-#include <cstdio>
-#include <exception>
 #include <string>
 #include <vector>
 
+#include "bench/accuracy/eval_main.h"
 #include "bench/accuracy/features_eval.h"
-#include "stages/images/library_setup.h"
 
 namespace rilievo::bench {
 namespace {
@@ -37,19 +35,11 @@ Json Dispatch(const std::string& command, const std::vector<std::string>& argume
 }  // namespace rilievo::bench
 
 int main(int argc, char** argv) {
-  try {
-    rilievo::images::PrepareImageLibrary();
-    const std::vector<std::string> words(argv + 1, argv + argc);
-    const auto result = words.empty() ? rilievo::bench::Json(nullptr)
-                                      : rilievo::bench::Dispatch(words[0], {words.begin() + 1, words.end()});
-    if (result.is_null()) {
-      std::fputs(rilievo::bench::kUsage, stderr);
-      return 2;
-    }
-    std::printf("%s\n", result.dump(1).c_str());
-    return 0;
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "features_eval: %s\n", e.what());
-    return 1;
-  }
+  return rilievo::bench::EvalMain(
+      "features_eval", rilievo::bench::kUsage,
+      [](const std::vector<std::string>& words) {
+        return words.empty() ? rilievo::bench::Json(nullptr)
+                             : rilievo::bench::Dispatch(words[0], {words.begin() + 1, words.end()});
+      },
+      argc, argv);
 }

@@ -1,11 +1,9 @@
 // Measures exact matching beside libraries and the peak of its instruction: one sub-command, one JSON object on stdout.
-#include <cstdio>
-#include <exception>
 #include <string>
 #include <vector>
 
+#include "bench/accuracy/eval_main.h"
 #include "bench/accuracy/m2_eval.h"
-#include "stages/images/library_setup.h"
 
 namespace rilievo::bench {
 namespace {
@@ -31,17 +29,5 @@ Json Dispatch(const std::vector<std::string>& words) {
 }  // namespace rilievo::bench
 
 int main(int argc, char** argv) {
-  try {
-    rilievo::images::PrepareImageLibrary();
-    const auto result = rilievo::bench::Dispatch({argv + 1, argv + argc});
-    if (result.is_null()) {
-      std::fputs(rilievo::bench::kUsage, stderr);
-      return 2;
-    }
-    std::printf("%s\n", result.dump(1).c_str());
-    return 0;
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "m2_eval: %s\n", e.what());
-    return 1;
-  }
+  return rilievo::bench::EvalMain("m2_eval", rilievo::bench::kUsage, rilievo::bench::Dispatch, argc, argv);
 }

@@ -1,13 +1,11 @@
 // Measures the ways to match beside each other: one sub-command, one JSON object on stdout.
 #include "bench/accuracy/matching_eval.h"
+#include "bench/accuracy/eval_main.h"
 
 #include <algorithm>
-#include <cstdio>
-#include <exception>
 #include <iterator>
 
 #include "bench/accuracy/features_clock.h"
-#include "stages/images/library_setup.h"
 
 namespace rilievo::bench {
 namespace {
@@ -55,17 +53,5 @@ Json BesideReference(const Timed& timed, const Timed& reference) {
 }  // namespace rilievo::bench
 
 int main(int argc, char** argv) {
-  try {
-    rilievo::images::PrepareImageLibrary();
-    const auto result = rilievo::bench::Dispatch({argv + 1, argv + argc});
-    if (result.is_null()) {
-      std::fputs(rilievo::bench::kUsage, stderr);
-      return 2;
-    }
-    std::printf("%s\n", result.dump(1).c_str());
-    return 0;
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "matching_eval: %s\n", e.what());
-    return 1;
-  }
+  return rilievo::bench::EvalMain("matching_eval", rilievo::bench::kUsage, rilievo::bench::Dispatch, argc, argv);
 }

@@ -11,28 +11,16 @@
 
 #include "base/rng.h"
 #include "stages/matching/two_nearest.h"
+#include "tests/support/descriptors.h"
 
 namespace rilievo::matching {
 namespace {
 
-using Descriptors = std::vector<Descriptor>;
+using test::Descriptors;
 
-Descriptors RandomSift(std::size_t count, std::uint64_t seed) {
-  Rng rng(seed);
-  Descriptors result(count);
-  for (auto& descriptor : result) {
-    std::array<double, 128> values{};
-    double norm_sq = 0;
-    for (double& v : values) {
-      v = std::abs(rng.Normal());
-      norm_sq += v * v;
-    }
-    for (std::size_t k = 0; k < 128; ++k) {
-      descriptor[k] = static_cast<std::uint8_t>(std::min(255.0, std::round(512 * values[k] / std::sqrt(norm_sq))));
-    }
-  }
-  return result;
-}
+constexpr auto RandomSift = test::SiftLike;
+constexpr auto RandomTies = test::Ties;
+constexpr auto RandomBytes = test::AnyBytes;
 
 /// Signed unit vectors times `norm` around 128, as SURF's (norm 256).
 Descriptors RandomSurf(std::size_t count, std::uint64_t seed, double norm = 256, std::size_t elements = 128) {
@@ -50,27 +38,6 @@ Descriptors RandomSurf(std::size_t count, std::uint64_t seed, double norm = 256,
       const double value = 128 + norm * values[k] / std::sqrt(norm_sq);
       descriptor[k] = static_cast<std::uint8_t>(std::clamp(std::round(value), 0.0, 255.0));
     }
-  }
-  return result;
-}
-
-/// Few distinct descriptors of few values: ties and duplicates everywhere.
-Descriptors RandomTies(std::size_t count, std::uint64_t seed) {
-  Rng rng(seed);
-  Descriptors result(count);
-  for (auto& descriptor : result) {
-    const std::uint32_t pattern = rng.Below(7);
-    for (std::size_t k = 0; k < 128; ++k)
-      descriptor[k] = static_cast<std::uint8_t>(k % 7 == pattern ? 40 + rng.Below(2) * (k == 21) : 40);
-  }
-  return result;
-}
-
-Descriptors RandomBytes(std::size_t count, std::uint64_t seed, std::uint32_t low, std::uint32_t high) {
-  Rng rng(seed);
-  Descriptors result(count);
-  for (auto& descriptor : result) {
-    for (auto& v : descriptor) v = static_cast<std::uint8_t>(low + rng.Below(high - low + 1));
   }
   return result;
 }
