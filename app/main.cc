@@ -43,11 +43,12 @@ void WatchSignals(ProgramContext& context) {
   }).detach();
 }
 
-/// Memory that a task frees goes back to the system at once, so that the peak of the process is the peak of its tasks;
+/// Memory of large blocks (images, tables) goes back to the system at once when a task frees it, so that the peak of
+/// the process is the peak of its tasks; up to 16 MiB of small ones stay, because every new page costs a fault;
 /// libraries keep their threads and their chatter to themselves.
 void PrepareProcess() {
-  mallopt(M_MMAP_THRESHOLD, 1 << 20);
-  mallopt(M_TRIM_THRESHOLD, 4 << 20);
+  mallopt(M_MMAP_THRESHOLD, 4 << 20);
+  mallopt(M_TRIM_THRESHOLD, 16 << 20);
   mallopt(M_ARENA_MAX, 4);
   images::PrepareImageLibrary();
   signal(SIGPIPE, SIG_IGN);

@@ -41,7 +41,7 @@ double UsualTileWork(const OrientRun& run, const PairTile& tile) {
 
 /// The features of an image and what the matcher reads of them.
 std::uint64_t LoadedImageBytes(const OrientRun& run) {
-  return Cap(run) * kFeatureBytes + matching::PackedBytes(static_cast<std::size_t>(Cap(run)));
+  return Cap(run) * kFeatureBytes + matching::PreparedBytes(static_cast<std::size_t>(Cap(run)), run.options.matching);
 }
 
 /// `images` loaded images and `pairs` of them. The features of every image, payload and parsed for the one being read;

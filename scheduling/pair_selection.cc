@@ -24,7 +24,7 @@ std::vector<ImagePair> SelectPairs(std::size_t image_count, Network network, boo
   return pairs;
 }
 
-std::size_t TileEdge(std::size_t image_count) { return image_count <= 40 ? 2 : image_count <= 150 ? 4 : 8; }
+std::size_t TileEdge(std::size_t image_count) { return image_count <= 16 ? 2 : image_count <= 150 ? 4 : 8; }
 
 std::vector<PairTile> TilePairs(const std::vector<ImagePair>& pairs, std::size_t tile_edge) {
   std::map<std::pair<std::size_t, std::size_t>, PairTile> by_place;  // (column, row)

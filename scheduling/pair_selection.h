@@ -22,7 +22,7 @@ struct PairTile {
   std::vector<ImagePair> pairs;     ///< sorted
 };
 
-/// Images a side of a tile: a fixed rule on the number of images, 2 up to 40, 4 up to 150, 8 beyond (small blocks: fine
+/// Images a side of a tile: a fixed rule on the number of images, 2 up to 16, 4 up to 150, 8 beyond (small blocks: fine
 /// tiles balance two cores; large ones: fewer files and each descriptor block loaded less often). Never a function of
 /// memory or threads.
 std::size_t TileEdge(std::size_t image_count);

@@ -10,12 +10,14 @@
 #include "bench/accuracy/m2_peaks.h"
 #include "bench/accuracy/m2_peers.h"
 #include "stages/matching/matching.h"
+#include "stages/matching/sketch_matching.h"
 #include "stages/matching/two_nearest.h"
 
 namespace rilievo::bench {
 namespace {
 
 using Descriptors = std::vector<Descriptor>;
+using Matches = std::set<std::pair<std::uint32_t, std::uint32_t>>;
 
 /// Descriptors of the images in turn until there are `count`; the threshold is low, so that an image has many.
 Descriptors Pool(const std::vector<std::string>& images, std::size_t count) {
@@ -55,12 +57,11 @@ double LeastCpuSeconds(int repeats, const std::function<void()>& work) {
 }
 
 /// Matches both ways as our matcher defines them, from a peer's tables.
-std::set<std::pair<std::uint32_t, std::uint32_t>> MutualMatches(const std::vector<PeerNeighbors>& of_a,
-                                                                const std::vector<PeerNeighbors>& of_b, double ratio) {
+Matches MutualMatches(const std::vector<PeerNeighbors>& of_a, const std::vector<PeerNeighbors>& of_b, double ratio) {
   const auto passes = [&](const PeerNeighbors& n) {
     return n.index[0] >= 0 && n.index[1] >= 0 && n.distance_sq[0] < ratio * ratio * n.distance_sq[1];
   };
-  std::set<std::pair<std::uint32_t, std::uint32_t>> matches;
+  Matches matches;
   for (std::size_t i = 0; i < of_a.size(); ++i) {
     if (!passes(of_a[i])) continue;
     const PeerNeighbors& back = of_b[static_cast<std::size_t>(of_a[i].index[0])];
@@ -68,6 +69,26 @@ std::set<std::pair<std::uint32_t, std::uint32_t>> MutualMatches(const std::vecto
       matches.emplace(static_cast<std::uint32_t>(i), static_cast<std::uint32_t>(of_a[i].index[0]));
   }
   return matches;
+}
+
+/// Matches from the whole tables of neighbours: the plain way to the same result.
+Matches MutualMatches(const matching::Prepared& a, const matching::Prepared& b, const matching::RatioTest& test) {
+  const matching::NeighborTable table = matching::FindTwoNearest(a, b, SerialRunContext());
+  Matches matches;
+  for (std::uint32_t i = 0; i < table.of_a.size(); ++i) {
+    const matching::BestTwo& best = table.of_a[i];
+    if (!test.Passes(best)) continue;
+    const matching::BestTwo& back = table.of_b[best.index];
+    if (back.index == i && test.Passes(back)) matches.emplace(i, best.index);
+  }
+  return matches;
+}
+
+/// Matches of one way that the other lacks.
+std::size_t Differences(const std::vector<matching::PassingNeighbor>& found, const Matches& expected) {
+  std::size_t common = 0;
+  for (const auto& match : found) common += expected.contains({match.first, match.second});
+  return found.size() + expected.size() - 2 * common;
 }
 
 }  // namespace
@@ -81,9 +102,12 @@ Json MeasureM2(std::size_t count, int repeats, const std::vector<std::string>& i
     if (!kernel.is_supported || kernel.sweep == nullptr) continue;
     const PeakLoop& loop = kernel.name == "avx512" ? kPeakAvx512 : kPeakAvx2;
     // In turns, and the peak over as long a time as ours: the clock of a core follows what it has done lately.
-    const auto a = matching::Prepare(sides.a, kernel), b = matching::Prepare(sides.b, kernel);
+    const auto prepare = [&](const Descriptors& side) {
+      return matching::Prepare(side, kernel, matching::SketchUse::kWherePossible);
+    };
+    const auto a = prepare(sides.a), b = prepare(sides.b);
     const auto ours = [&] { matching::FindTwoNearest(a, b, context); };
-    const double pack_s = LeastCpuSeconds(repeats, [&] { matching::Prepare(sides.a, kernel); });
+    const double pack_s = LeastCpuSeconds(repeats, [&] { prepare(sides.a); });
     const int loops = static_cast<int>(std::clamp(TimeOf(ours).cpu_s / TimeOf(loop.run).cpu_s, 1.0, 2000.0));
     const auto peak_loop = [&] {
       for (int i = 0; i < loops; ++i) loop.run();
@@ -93,12 +117,22 @@ Json MeasureM2(std::size_t count, int repeats, const std::vector<std::string>& i
       ours_s = std::min(ours_s, TimeOf(ours).cpu_s);
       peak_s = std::min(peak_s, TimeOf(peak_loop).cpu_s / loops);
     }
+    const matching::RatioTest test{};
+    std::vector<matching::PassingNeighbor> by_sketches;
+    matching::SketchCounts counts;
+    const double sketches_s =
+        LeastCpuSeconds(repeats, [&] { by_sketches = matching::MatchBySketches(a, b, test, true, context, &counts); });
     const double rate = 1e-9 * products / ours_s, peak = 1e-9 * loop.products / peak_s;
     result["kernels"][std::string(kernel.name)] = {{"cpu_s", ours_s},
                                                    {"gmacs_per_s", rate},
                                                    {"peak_gmacs_per_s", peak},
                                                    {"share_of_peak", rate / peak},
-                                                   {"pack_s_an_image", pack_s}};
+                                                   {"pack_s_an_image", pack_s},
+                                                   {"mutual_cpu_s", sketches_s},
+                                                   {"mutual_share_of_peak", 1e-9 * products / sketches_s / peak},
+                                                   {"full_rows", counts.full_rows},
+                                                   {"full_columns", counts.full_columns},
+                                                   {"differ", Differences(by_sketches, MutualMatches(a, b, test))}};
   }
   SerialRunContext run;
   result["matches"] = matching::Run(sides.a, sides.b, {}, run).size();

@@ -8,18 +8,12 @@
 #include "base/check.h"
 #include "stages/matching/cells.h"
 #include "stages/matching/kd_matching.h"
+#include "stages/matching/ratio_test.h"
+#include "stages/matching/sketch_matching.h"
 #include "stages/matching/two_nearest.h"
 
 namespace rilievo::matching {
 namespace {
-
-/// d1 < ratio * d2 in integers: d1^2 * 10^8 < round(ratio * 10^4)^2 * d2^2; both sides stay below 2^50. A neighbour
-/// without a second one passes: nothing makes it ambiguous.
-bool PassesRatio(const BestTwo& best, std::int64_t ratio_e4) {
-  if (best.first_sq == BestTwo::kNone) return false;
-  if (best.second_sq == BestTwo::kNone) return true;
-  return std::int64_t{best.first_sq} * 100'000'000 < ratio_e4 * ratio_e4 * best.second_sq;
-}
 
 /// The kernel of this processor or of RILIEVO_KERNELS, read once.
 const Kernel& ProcessKernel() {
@@ -29,6 +23,8 @@ const Kernel& ProcessKernel() {
   }();
   return kernel;
 }
+
+bool MaySweep(const Options& options) { return options.matcher == "auto" || options.matcher == "m2"; }
 
 /// Neighbours of a and, for a mutual check, of b.
 NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options& options, const RunContext& context) {
@@ -45,8 +41,32 @@ NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options&
   return FindTwoNearest(a, b, context);
 }
 
+/// The descriptors of a that pass, with `mutual` from both sides.
+std::vector<PassingNeighbor> Passing(const NeighborTable& table, const RatioTest& test, bool mutual) {
+  std::vector<PassingNeighbor> passing;
+  for (std::uint32_t i = 0; i < table.of_a.size(); ++i) {
+    const BestTwo& best = table.of_a[i];
+    if (!test.Passes(best)) continue;
+    if (mutual && (table.of_b[best.index].index != i || !test.Passes(table.of_b[best.index]))) continue;
+    passing.push_back({i, best.index, best.first_sq});
+  }
+  return passing;
+}
+
+/// Without the mutual check several rows may want one column: the nearest gets it, the lowest of equals.
+std::vector<Match> OneToOne(std::span<const PassingNeighbor> passing, std::size_t columns) {
+  std::vector<const PassingNeighbor*> claim(columns, nullptr);
+  for (const PassingNeighbor& neighbor : passing) {
+    const PassingNeighbor*& owner = claim[neighbor.second];
+    if (owner == nullptr || neighbor.distance_sq < owner->distance_sq) owner = &neighbor;
+  }
+  std::vector<Match> matches;
+  for (const PassingNeighbor& neighbor : passing)
+    if (claim[neighbor.second] == &neighbor) matches.push_back({neighbor.first, neighbor.second});
+  return matches;
+}
+
 constexpr double kSecondsPerComparison = 1.5e-9;
-constexpr std::uint32_t kUnclaimed = 0xffffffffU;
 
 /// The features of one sign, in their order.
 struct Part {
@@ -117,8 +137,9 @@ TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&
   const std::size_t fewer = std::min(features_a, features_b);
   const auto visits = static_cast<std::size_t>(options.visited_cells);
   // Of no matcher fewer features may take more: the greater of the two that `auto` chooses from.
-  const std::size_t packed_bytes = PackedBytes(features_a) + PackedBytes(features_b);
-  std::size_t table_bytes = packed_bytes + TwoNearestBytes(features_a, features_b);
+  const std::size_t packed_bytes = PreparedBytes(features_a, options) + PreparedBytes(features_b, options);
+  std::size_t table_bytes =
+      packed_bytes + std::max(TwoNearestBytes(features_a, features_b), MatchBySketchesBytes(features_a, features_b));
   double work = kSecondsPerComparison * a * b;
   switch (MatcherFor(features_a, features_b, options)) {
     case Matcher::kM2:
@@ -137,12 +158,19 @@ TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&
       work += 2e-9 * a * static_cast<double>(CellCount(features_b));
       break;
   }
-  return {.peak_bytes = (1 << 16) + table_bytes + 4 * features_b + 3 * sizeof(Match) * fewer, .work = work};
+  return {.peak_bytes = (1 << 16) + table_bytes + 8 * features_b + 3 * sizeof(Match) * fewer, .work = work};
+}
+
+std::size_t PreparedBytes(std::size_t features, const Options& options) {
+  if (!MaySweep(options)) return 0;
+  const Encoding encoding = ProcessKernel().encoding;
+  return PackedBytes(features, kDescriptorBytes, encoding) + PackedBytes(features, kSketchBytes, encoding) +
+         sizeof(Sketch) * features;
 }
 
 Prepared Prepare(std::span<const Descriptor> descriptors, const Options& options) {
-  const bool may_sweep = options.matcher == "auto" || options.matcher == "m2";
-  return may_sweep ? Prepare(descriptors, ProcessKernel()) : Prepared{descriptors, {}, &ProcessKernel()};
+  return MaySweep(options) ? Prepare(descriptors, ProcessKernel(), SketchUse::kWherePaying)
+                           : Prepared{descriptors, {}, &ProcessKernel(), {}};
 }
 
 std::vector<Match> Run(std::span<const Descriptor> a, std::span<const Descriptor> b, const Options& options,
@@ -153,26 +181,13 @@ std::vector<Match> Run(std::span<const Descriptor> a, std::span<const Descriptor
 std::vector<Match> Run(const Prepared& prepared_a, const Prepared& prepared_b, const Options& options,
                        RunContext& context) {
   const std::span<const Descriptor> a = prepared_a.descriptors, b = prepared_b.descriptors;
-  const NeighborTable table = FindNeighbors(prepared_a, prepared_b, options, context);
-  const std::int64_t ratio_e4 = std::llround(options.ratio * 1e4);
-  // Without the mutual check several rows may want one column: the nearest gets it, the lowest of equals.
-  std::vector<std::uint32_t> claim(b.size(), kUnclaimed);
-  for (std::uint32_t i = 0; i < a.size(); ++i) {
-    const BestTwo& best = table.of_a[i];
-    if (!PassesRatio(best, ratio_e4)) continue;
-    if (options.mutual) {
-      const BestTwo& back = table.of_b[best.index];
-      if (back.index != i || !PassesRatio(back, ratio_e4)) continue;
-    }
-    std::uint32_t& owner = claim[best.index];
-    if (owner == kUnclaimed || best.first_sq < table.of_a[owner].first_sq) owner = i;
-  }
-  std::vector<Match> matches;
-  for (std::uint32_t i = 0; i < a.size(); ++i) {
-    const std::uint32_t j = table.of_a[i].index;
-    if (j < b.size() && claim[j] == i) matches.push_back({i, j});
-  }
-  return matches;
+  const RatioTest test{std::llround(options.ratio * 1e4)};
+  std::vector<PassingNeighbor> passing;
+  if (MatcherFor(a.size(), b.size(), options) == Matcher::kM2 && CanMatchBySketches(prepared_a, prepared_b))
+    passing = MatchBySketches(prepared_a, prepared_b, test, options.mutual, context);
+  else
+    passing = Passing(FindNeighbors(prepared_a, prepared_b, options, context), test, options.mutual);
+  return OneToOne(passing, b.size());
 }
 
 std::vector<Match> RunBySign(const ImageFeatures& a, const ImageFeatures& b, const Options& options,

@@ -47,7 +47,10 @@ std::vector<Match> Run(std::span<const Descriptor> a, std::span<const Descriptor
 /// The same of images prepared for the same options: an image takes part in many pairs and is packed once.
 std::vector<Match> Run(const Prepared& a, const Prepared& b, const Options& options, RunContext& context);
 
-/// The descriptors, which must outlive the result, as the sweep of m2 reads them: PackedBytes more (512 bytes each).
+/// Upper bound of the bytes of prepared descriptors, on this processor, and of preparing them.
+std::size_t PreparedBytes(std::size_t features, const Options& options);
+
+/// The descriptors, which must outlive the result, as the sweeps of m2 read them: PreparedBytes more.
 Prepared Prepare(std::span<const Descriptor> descriptors, const Options& options);
 
 /// The same where features of another sign do not exist: bright blobs are compared with bright ones only (SURF; SPEC

@@ -8,13 +8,13 @@
 namespace rilievo::matching {
 namespace {
 
-constexpr std::size_t kLanes = 8, kVectors = 2, kWords = 64, kRows = 4;
+constexpr std::size_t kLanes = 8, kVectors = 2, kRows = 4;
 
 __m256i Load(const void* from) { return _mm256_loadu_si256(static_cast<const __m256i*>(from)); }
 void Store(void* to, __m256i value) { _mm256_storeu_si256(static_cast<__m256i*>(to), value); }
 
 /// Rows [row, row + kCount) of the block against one panel.
-template <std::size_t kCount>
+template <std::size_t kWords, std::size_t kCount>
 void SweepTile(const SweepBlock& block, std::size_t row, std::size_t panel) {
   __m256i dot[kCount][kVectors];
   Unrolled<kCount>(
@@ -55,14 +55,19 @@ void SweepTile(const SweepBlock& block, std::size_t row, std::size_t panel) {
   });
 }
 
+template <std::size_t kWords>
+void SweepPanels(const SweepBlock& block) {
+  const std::size_t whole = block.row_count - block.row_count % kRows;
+  for (std::size_t panel = 0; panel < block.panel_count; ++panel) {
+    for (std::size_t row = 0; row < whole; row += kRows) SweepTile<kWords, kRows>(block, row, panel);
+    for (std::size_t row = whole; row < block.row_count; ++row) SweepTile<kWords, 1>(block, row, panel);
+  }
+}
+
 }  // namespace
 
 void SweepAvx2(const SweepBlock& block) {
-  const std::size_t whole = block.row_count - block.row_count % kRows;
-  for (std::size_t panel = 0; panel < block.panel_count; ++panel) {
-    for (std::size_t row = 0; row < whole; row += kRows) SweepTile<kRows>(block, row, panel);
-    for (std::size_t row = whole; row < block.row_count; ++row) SweepTile<1>(block, row, panel);
-  }
+  block.words == kSketchBytes / 2 ? SweepPanels<kSketchBytes / 2>(block) : SweepPanels<kDescriptorBytes / 2>(block);
 }
 
 }  // namespace rilievo::matching

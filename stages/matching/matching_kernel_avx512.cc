@@ -10,7 +10,7 @@
 namespace rilievo::matching {
 namespace {
 
-constexpr std::size_t kLanes = 16, kVectors = 4, kWords = 32, kRows = 6;
+constexpr std::size_t kLanes = 16, kVectors = 4, kRows = 6;
 
 /// _mm512_dpbusd_epi32(sum, column, row), written out because g++ 12 copies the accumulator before and after it in a
 /// loop.
@@ -20,7 +20,7 @@ constexpr std::size_t kLanes = 16, kVectors = 4, kWords = 32, kRows = 6;
 }
 
 /// Rows [row, row + kCount) of the block against one panel.
-template <std::size_t kCount>
+template <std::size_t kWords, std::size_t kCount>
 void SweepTile(const SweepBlock& block, std::size_t row, std::size_t panel) {
   __m512i dot[kCount][kVectors];
   Unrolled<kCount>(
@@ -60,14 +60,19 @@ void SweepTile(const SweepBlock& block, std::size_t row, std::size_t panel) {
   });
 }
 
+template <std::size_t kWords>
+void SweepPanels(const SweepBlock& block) {
+  const std::size_t whole = block.row_count - block.row_count % kRows;
+  for (std::size_t panel = 0; panel < block.panel_count; ++panel) {
+    for (std::size_t row = 0; row < whole; row += kRows) SweepTile<kWords, kRows>(block, row, panel);
+    for (std::size_t row = whole; row < block.row_count; ++row) SweepTile<kWords, 1>(block, row, panel);
+  }
+}
+
 }  // namespace
 
 void SweepAvx512(const SweepBlock& block) {
-  const std::size_t whole = block.row_count - block.row_count % kRows;
-  for (std::size_t panel = 0; panel < block.panel_count; ++panel) {
-    for (std::size_t row = 0; row < whole; row += kRows) SweepTile<kRows>(block, row, panel);
-    for (std::size_t row = whole; row < block.row_count; ++row) SweepTile<1>(block, row, panel);
-  }
+  block.words == kSketchBytes / 4 ? SweepPanels<kSketchBytes / 4>(block) : SweepPanels<kDescriptorBytes / 4>(block);
 }
 
 }  // namespace rilievo::matching

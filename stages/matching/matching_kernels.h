@@ -16,11 +16,15 @@ struct BestTwo {
   std::uint32_t index = 0;                           ///< of the nearest
 };
 
-/// One block of a sweep. A descriptor is `words` 32-bit words in the encoding of the kernel. A column of a panel
-/// carries the key base (c << 11) + panel * vectors + vector, a row the constant (r << 11) + row, c - 2 dot + r = d^2
-/// (docs/decisions/0006, 0010), where vector counts the `lanes`-wide vectors of a panel. Results are the two smallest
-/// keys by row and lane and by column.
+/// Bytes of a descriptor, and of its sketch (docs/decisions/0014): what a sweep can compare.
+inline constexpr std::size_t kDescriptorBytes = 128, kSketchBytes = 56;
+
+/// One block of a sweep. A descriptor or sketch is `words` 32-bit words in the encoding of the kernel. A column of a
+/// panel carries the key base (c << 11) + panel * vectors + vector, a row the constant (r << 11) + row, c - 2 dot + r =
+/// d^2 (docs/decisions/0006, 0010), where vector counts the `lanes`-wide vectors of a panel. Results are the two
+/// smallest keys by row and lane and by column.
 struct SweepBlock {
+  std::size_t words;                  ///< of a descriptor or of a sketch
   const std::uint32_t* rows;          ///< row-major, row_count x words
   std::size_t row_count;              ///< at most 2048
   const std::int32_t* row_constants;  ///< row_count
@@ -32,8 +36,8 @@ struct SweepBlock {
 };
 
 enum class Encoding : std::uint8_t {
-  kBytes,         ///< 32 words of four bytes; rows are a - 128 (signed), columns b (unsigned): dot = a.b - 128 * sum(b)
-  kSignedShorts,  ///< 64 words of two 16-bit integers, a and b or both minus 128: dot is the product of those
+  kBytes,         ///< words of four bytes; rows are a - 128 (signed), columns b (unsigned): dot = a.b - 128 * sum(b)
+  kSignedShorts,  ///< words of two 16-bit integers, a and b or both minus 128: dot is the product of those
 };
 
 struct Kernel {
@@ -44,7 +48,7 @@ struct Kernel {
   void (*sweep)(const SweepBlock&) = nullptr;
   bool is_supported = true;  ///< by this processor
 
-  std::size_t Words() const { return encoding == Encoding::kBytes ? 32 : 64; }
+  std::size_t Words(std::size_t bytes) const { return encoding == Encoding::kBytes ? bytes / 4 : bytes / 2; }
   std::size_t PanelColumns() const { return lanes * vectors; }
 };
 

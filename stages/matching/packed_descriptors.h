@@ -47,6 +47,22 @@ inline constexpr std::int32_t kLargestKeyNorm_sq = 520'000;
 /// of shorts and of bytes (docs/decisions/0010).
 inline constexpr std::int32_t kSignedCenter = 128, kLargestSignedShorts_sq = 260'000, kLargestSignedBytes_sq = 78'400;
 
+/// Bounds of a sketch from 128, which has both signs: of its squared norm and of the sum of its components.
+inline constexpr std::int32_t kLargestSketchNorm_sq = 200'000, kLargestSketchSum = 1'700;
+
+/// Byte vectors of one length, one after the other: descriptors or sketches.
+struct ByteRows {
+  const std::uint8_t* data = nullptr;
+  std::size_t count = 0, length = 0;
+
+  ByteRows() = default;
+  ByteRows(const std::uint8_t* bytes, std::size_t rows, std::size_t row_length)
+      : data(bytes), count(rows), length(row_length) {}
+  ByteRows(std::span<const Descriptor> descriptors)  // NOLINT: the same thing by another name
+      : ByteRows(descriptors.empty() ? nullptr : descriptors.front().data(), descriptors.size(), kDescriptorBytes) {}
+  std::span<const std::uint8_t> operator[](std::size_t i) const { return {data + i * length, length}; }
+};
+
 /// What stands for zero in the bytes of a pair (docs/decisions/0010): 0 or, for signed descriptors, whose norms from 0
 /// are too large for the keys, 128. Distances do not depend on it. Which of them an image's norms allow.
 struct Centers {
@@ -55,7 +71,7 @@ struct Centers {
 
 /// Both sides of a sweep. Words are padded to whole panels with columns of zero whose key is the largest.
 struct PackedDescriptors {
-  std::size_t count = 0;
+  std::size_t count = 0, words = 0;
   Centers centers;
   std::int32_t center = 0;             ///< the one it is packed for: 0 where the norms allow it
   LineVector<std::uint32_t> rows;      ///< count x words
@@ -69,10 +85,10 @@ struct PackedDescriptors {
 
 /// Packs for the kernel, around 128 if `center` says so, else around what the norms allow; nothing where neither or
 /// not `center` is allowed, or for the scalar kernel. Cost: some 1 us a hundred descriptors.
-PackedDescriptors Pack(std::span<const Descriptor> descriptors, const Kernel& kernel,
-                       std::optional<std::int32_t> center = std::nullopt);
+PackedDescriptors Pack(ByteRows descriptors, const Kernel& kernel, std::optional<std::int32_t> center = std::nullopt);
 
-/// Bytes of the packed form, for the kernel that needs most.
-std::size_t PackedBytes(std::size_t count);
+/// Upper bound of the bytes of the packed form, and of packing; without an encoding for the one that needs most.
+std::size_t PackedBytes(std::size_t count, std::size_t length = kDescriptorBytes,
+                        Encoding encoding = Encoding::kSignedShorts);
 
 }  // namespace rilievo::matching

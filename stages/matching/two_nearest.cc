@@ -5,6 +5,8 @@
 #include <optional>
 
 #include "base/check.h"
+#include "stages/matching/best_two.h"
+#include "stages/matching/sweep.h"
 
 namespace rilievo::matching {
 namespace {
@@ -12,14 +14,6 @@ namespace {
 /// Rows of the scalar reference between two polls for a stop, against all columns.
 constexpr std::size_t kScalarComparisonsPerPoll = 1'000'000;
 
-/// Takes one more neighbour into account; ties go to the lower index, so the order of the offers is free.
-void Offer(BestTwo& best, std::int32_t distance_sq, std::uint32_t index) {
-  if (distance_sq < best.first_sq || (distance_sq == best.first_sq && index < best.index)) {
-    best = {.first_sq = distance_sq, .second_sq = best.first_sq, .index = index};
-  } else if (distance_sq < best.second_sq) {
-    best.second_sq = distance_sq;
-  }
-}
 /// A neighbour that another one offered for the same descriptor precedes.
 void OfferSecond(BestTwo& best, std::int32_t distance_sq) { best.second_sq = std::min(best.second_sq, distance_sq); }
 
@@ -58,32 +52,14 @@ void DecodeColumns(std::span<const std::int32_t> keys, std::size_t row_begin, st
   }
 }
 
-void Sweep(const PackedDescriptors& a, const PackedDescriptors& b, const Kernel& kernel, const RunContext& context,
-           NeighborTable& table) {
-  const std::size_t lanes = kernel.lanes, width = kernel.PanelColumns(), words = kernel.Words();
-  const std::size_t columns_per_sweep = kIndexCount * lanes;
-  LineVector<std::int32_t> row_keys(std::min(kRowsPerBlock, a.count) * 2 * lanes);
-  LineVector<std::int32_t> column_keys(2 * std::min(columns_per_sweep, b.bases.size()));
-  for (std::size_t column = 0; column < b.count; column += columns_per_sweep) {
-    const std::size_t columns = std::min(columns_per_sweep, b.count - column);
-    for (std::size_t row = 0; row < a.count; row += kRowsPerBlock) {
-      context.ThrowIfStopped();
-      const std::size_t rows = std::min(kRowsPerBlock, a.count - row);
-      std::fill(row_keys.begin(), row_keys.end(), BestTwo::kNone);
-      std::fill(column_keys.begin(), column_keys.end(), BestTwo::kNone);
-      kernel.sweep({.rows = a.rows.data() + row * words,
-                    .row_count = rows,
-                    .row_constants = a.constants.data() + row,
-                    .panels = b.panels.data() + column * words,
-                    .panel_count = (columns + width - 1) / width,
-                    .column_bases = b.bases.data() + column,
-                    .row_keys = row_keys.data(),
-                    .column_keys = column_keys.data()});
-      DecodeRows(row_keys, std::span(a.rest_sq).subspan(row, rows), column, lanes,
-                 std::span(table.of_a).subspan(row, rows));
-      DecodeColumns(column_keys, row, lanes, std::span(table.of_b).subspan(column, columns));
-    }
-  }
+void SweepAll(const PackedDescriptors& a, const PackedDescriptors& b, const Kernel& kernel, const RunContext& context,
+              NeighborTable& table) {
+  Sweep(a, b, kernel, context, [&](const SweptBlock& block) {
+    DecodeRows(block.row_keys, std::span(a.rest_sq).subspan(block.row_begin, block.rows), block.column_begin,
+               kernel.lanes, std::span(table.of_a).subspan(block.row_begin, block.rows));
+    DecodeColumns(block.column_keys, block.row_begin, kernel.lanes,
+                  std::span(table.of_b).subspan(block.column_begin, block.columns));
+  });
 }
 
 void CompareAllScalar(std::span<const Descriptor> a, std::span<const Descriptor> b, NeighborTable& table,
@@ -103,8 +79,13 @@ std::size_t TwoNearestBytes(std::size_t a, std::size_t b) {
   return sizeof(BestTwo) * (a + b) + 8 * (std::min(b, kMostColumns) + 64) + 128 * kRowsPerBlock;
 }
 
-Prepared Prepare(std::span<const Descriptor> descriptors, const Kernel& kernel) {
-  return {descriptors, Pack(descriptors, kernel), &kernel};
+Prepared Prepare(std::span<const Descriptor> descriptors, const Kernel& kernel, SketchUse sketches) {
+  Prepared prepared{descriptors, Pack(descriptors, kernel), &kernel, {}};
+  // Their bounds hold for norms up to what the keys around 0 hold.
+  const bool possible = sketches != SketchUse::kNever && prepared.packed.centers.zero;
+  if (possible && (sketches == SketchUse::kWherePossible || SketchesPay(descriptors)))
+    prepared.sketches = MakeSketches(descriptors, kernel);
+  return prepared;
 }
 
 NeighborTable FindTwoNearest(const Prepared& a, const Prepared& b, const RunContext& context) {
@@ -114,17 +95,25 @@ NeighborTable FindTwoNearest(const Prepared& a, const Prepared& b, const RunCont
                       .of_b = std::vector<BestTwo>(b.descriptors.size())};
   if (a.descriptors.empty() || b.descriptors.empty()) return table;
   if (a.packed.IsPacked() && b.packed.IsPacked() && a.packed.center == b.packed.center) {
-    Sweep(a.packed, b.packed, kernel, context, table);
+    SweepAll(a.packed, b.packed, kernel, context, table);
     return table;
   }
   // One image's norms allow 0 and the other one's do not, or neither centre is allowed: rare.
   if (a.packed.centers.middle && b.packed.centers.middle) {
-    Sweep(Pack(a.descriptors, kernel, kSignedCenter), Pack(b.descriptors, kernel, kSignedCenter), kernel, context,
-          table);
+    SweepAll(Pack(a.descriptors, kernel, kSignedCenter), Pack(b.descriptors, kernel, kSignedCenter), kernel, context,
+             table);
   } else {
     CompareAllScalar(a.descriptors, b.descriptors, table, context);
   }
   return table;
+}
+
+std::vector<BestTwo> FindTwoNearestOf(std::span<const std::uint32_t> rows, const Prepared& a, const Prepared& b,
+                                      const RunContext& context) {
+  std::vector<Descriptor> chosen;
+  chosen.reserve(rows.size());
+  for (const std::uint32_t row : rows) chosen.push_back(a.descriptors[row]);
+  return FindTwoNearest(Prepare(chosen, *a.kernel), b, context).of_a;
 }
 
 NeighborTable FindTwoNearest(std::span<const Descriptor> a, std::span<const Descriptor> b, const Kernel& kernel,

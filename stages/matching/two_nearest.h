@@ -8,6 +8,7 @@
 #include "block/features.h"
 #include "stages/matching/matching_kernels.h"
 #include "stages/matching/packed_descriptors.h"
+#include "stages/matching/sketch.h"
 
 namespace rilievo::matching {
 
@@ -21,9 +22,11 @@ struct Prepared {
   std::span<const Descriptor> descriptors;
   PackedDescriptors packed;
   const Kernel* kernel = nullptr;
+  Sketches sketches;  ///< where asked for
 };
 
-Prepared Prepare(std::span<const Descriptor> descriptors, const Kernel& kernel);
+enum class SketchUse : std::uint8_t { kNever, kWherePaying, kWherePossible };
+Prepared Prepare(std::span<const Descriptor> descriptors, const Kernel& kernel, SketchUse sketches = SketchUse::kNever);
 
 /// Exact; the same table from every kernel. Descriptors whose squared norms, measured from 0 (SIFT's is near 512^2) or
 /// from 128 (SURF's is near 256^2), exceed what keys hold are compared by the scalar reference whatever the kernel.
@@ -31,6 +34,10 @@ Prepared Prepare(std::span<const Descriptor> descriptors, const Kernel& kernel);
 NeighborTable FindTwoNearest(const Prepared& a, const Prepared& b, const RunContext& context);
 NeighborTable FindTwoNearest(std::span<const Descriptor> a, std::span<const Descriptor> b, const Kernel& kernel,
                              const RunContext& context);
+
+/// The two nearest neighbours in b of some descriptors of a, in the order of `rows`: the same answers.
+std::vector<BestTwo> FindTwoNearestOf(std::span<const std::uint32_t> rows, const Prepared& a, const Prepared& b,
+                                      const RunContext& context);
 
 /// Upper bound of the bytes that FindTwoNearest holds beside the prepared images, its result included, for the kernel
 /// that needs most.

@@ -50,10 +50,11 @@ inline Descriptors Ties(std::size_t count, std::uint64_t seed) {
   return result;
 }
 
-/// `features` with noise, every other one, and as many others, mixed.
-inline Descriptors SecondView(const Descriptors& features, double noise, std::uint64_t seed) {
+/// `features` with noise, every other one, and the others, mixed.
+inline Descriptors SecondView(const Descriptors& features, double noise, std::uint64_t seed,
+                              const Descriptors& others) {
   Rng rng(seed);
-  Descriptors result = SiftLike(features.size() / 2, seed + 1);
+  Descriptors result = others;
   for (std::size_t i = 0; i < features.size(); i += 2) {
     Descriptor noisy = features[i];
     for (auto& v : noisy) v = static_cast<std::uint8_t>(std::clamp(v + noise * rng.Normal(), 0.0, 255.0));
@@ -61,6 +62,33 @@ inline Descriptors SecondView(const Descriptors& features, double noise, std::ui
   }
   for (std::size_t i = result.size(); i > 1; --i)
     std::swap(result[i - 1], result[rng.Below(static_cast<std::uint32_t>(i))]);
+  return result;
+}
+inline Descriptors SecondView(const Descriptors& features, double noise, std::uint64_t seed) {
+  return SecondView(features, noise, seed, SiftLike(features.size() / 2, seed + 1));
+}
+
+/// Neighbouring cells and directions alike, as in those of photographs: what sketches are made for.
+inline Descriptors SmoothSift(std::size_t count, std::uint64_t seed) {
+  Rng rng(seed);
+  Descriptors result(count);
+  for (auto& descriptor : result) {
+    std::array<double, 128> values{};
+    for (int wave = 0; wave < 12; ++wave) {
+      const double row = rng.Uniform(0, 1.5), column = rng.Uniform(0, 1.5), phase = rng.Uniform(0, 6.28);
+      const double turn = 0.785 * (1 + rng.Below(2)), size = rng.Uniform(0.5, 1.5);
+      for (std::size_t k = 0; k < 128; ++k)
+        values[k] += size * std::cos(row * static_cast<double>(k / 32) + column * static_cast<double>(k / 8 % 4) +
+                                     turn * static_cast<double>(k % 8) + phase);
+    }
+    double norm_sq = 0;
+    for (double& v : values) {
+      v = std::max(0.0, 1.5 + v + 0.4 * rng.Normal());
+      norm_sq += v * v;
+    }
+    for (std::size_t k = 0; k < 128; ++k)
+      descriptor[k] = static_cast<std::uint8_t>(std::min(255.0, std::round(512 * values[k] / std::sqrt(norm_sq))));
+  }
   return result;
 }
 

@@ -75,7 +75,7 @@ void ExpectEqualTables(const std::vector<BestTwo>& found, const std::vector<Best
 /// everywhere.
 template <Encoding kEncoding, std::size_t kLanes, std::size_t kVectors>
 void PlainSweep(const SweepBlock& block) {
-  constexpr std::size_t kWords = kEncoding == Encoding::kBytes ? 32 : 64, kWidth = kLanes * kVectors;
+  constexpr std::size_t kWidth = kLanes * kVectors;
   const auto update = [](std::int32_t* keys, std::int32_t key) {
     keys[kLanes] = std::min(keys[kLanes], std::max(keys[0], key));
     keys[0] = std::min(keys[0], key);
@@ -84,9 +84,9 @@ void PlainSweep(const SweepBlock& block) {
     for (std::size_t row = 0; row < block.row_count; ++row) {
       for (std::size_t column = 0; column < kWidth; ++column) {
         std::int32_t dot = 0;
-        for (std::size_t k = 0; k < kWords; ++k) {
-          const std::uint32_t a = block.rows[row * kWords + k],
-                              b = block.panels[(panel * kWords + k) * kWidth + column];
+        for (std::size_t k = 0; k < block.words; ++k) {
+          const std::uint32_t a = block.rows[row * block.words + k],
+                              b = block.panels[(panel * block.words + k) * kWidth + column];
           for (unsigned shift = 0; shift < 32; shift += kEncoding == Encoding::kBytes ? 8 : 16) {
             dot += kEncoding == Encoding::kBytes
                        ? static_cast<std::int8_t>(a >> shift) * static_cast<std::uint8_t>(b >> shift)
