@@ -19,7 +19,7 @@ struct PassingNeighbor {
 
 /// What a pair took beside the sweep of its sketches, for measuring.
 struct SketchCounts {
-  std::size_t candidates = 0, full_rows = 0, full_columns = 0;
+  std::size_t full_rows = 0, full_columns = 0;
 };
 
 /// Images that have sketches and enough descriptors for the bounds to be worth their cost.
