@@ -83,10 +83,10 @@ class Reuse(ProgramTest):
         self.put_back(self.names[3])
         copy, log = self.scratch / "copy", self.scratch / "calls"
         shutil.copytree(self.workspace, copy)
-        self.assertEqual(self.orient(self.photos, None, copy, env=shim(copy, 0, log)).returncode, 0)
+        self.assertEqual(self.orient(self.photos, None, copy, "--threads", 1, env=shim(copy, 0, log)).returncode, 0)
         tiles = [i + 1 for i, line in enumerate(log.read_text().splitlines()) if line.startswith("rename ") and "/artifacts/pairs/" in line]
         self.assertGreater(len(tiles), 3)
-        self.assertEqual(self.orient(self.photos, None, self.workspace, env=shim(self.workspace, tiles[2], self.scratch / "calls-killed")).returncode, -signal.SIGKILL)
+        self.assertEqual(self.orient(self.photos, None, self.workspace, "--threads", 1, env=shim(self.workspace, tiles[2], self.scratch / "calls-killed")).returncode, -signal.SIGKILL)
         self.assertTrue((self.workspace / "former-run.json").exists())
         _, pairs = self.run_here()
         self.assertEqual(pairs[0], 21)

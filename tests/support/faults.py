@@ -8,8 +8,9 @@ import signal
 import subprocess
 
 # What may happen to a call of each name (tests/support/fault_shim.cc).
-EVERYWHERE = ("EIO", "ENOSPC", "kill", "full")
-KINDS = {"write": EVERYWHERE + ("short", "partial", "EINTR"), "fsync": EVERYWHERE + ("EINTR",), "open": EVERYWHERE + ("EINTR",), "open-folder": EVERYWHERE + ("EINTR",)}
+EVERYWHERE = ("EIO", "ENOSPC", "kill")
+KINDS = {"write": EVERYWHERE + ("full", "short", "partial", "EINTR"), "open": EVERYWHERE + ("full", "EINTR"), "mkdir": EVERYWHERE + ("full",),
+         "fsync": EVERYWHERE + ("EINTR",), "open-folder": EVERYWHERE + ("EINTR",)}
 
 
 @dataclasses.dataclass
@@ -33,11 +34,11 @@ def artifacts(workspace):
 
 
 class FaultTrials:
-    """One command on one block; `scratch` holds its workspaces."""
+    """One command on one block, with one thread: then its calls have an order. `scratch` holds its workspaces."""
 
     def __init__(self, program, shim, images, calibration, scratch, options=()):
         self.program, self.shim, self.scratch = str(program), str(shim), pathlib.Path(scratch)
-        self.inputs = [str(images), "--calibration", str(calibration), "--progress", "quiet", *options]
+        self.inputs = [str(images), "--calibration", str(calibration), "--progress", "quiet", "--threads", "1", *options]
         workspace = self.scratch / "reference"
         log = self.scratch / "reference.log"
         done = self.orient(workspace, {"RILIEVO_FAULT_CALL": "0", "RILIEVO_FAULT_LOG": str(log)})
