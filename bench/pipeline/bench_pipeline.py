@@ -16,8 +16,8 @@ def colmap(images, calibration):
     """Wall seconds of COLMAP's three commands on the same photographs, or why there are none."""
     if not shutil.which("colmap"):
         return "colmap is not installed (scripts/setup --peers)"
-    if calibration.name != "K.txt":
-        return "only blocks with a K.txt"
+    if calibration.name == "calibration.toml":
+        calibration = calibration.parent / "truth" / "cameras.txt"
     with tempfile.TemporaryDirectory(prefix="rilievo-colmap-") as folder:
         folder = pathlib.Path(folder)
         (folder / "images").mkdir()
