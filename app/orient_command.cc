@@ -10,8 +10,10 @@
 #include "app/pair_inputs.h"
 #include "app/run_flags.h"
 #include "base/cpu.h"
+#include "scheduling/former_pairs.h"
 #include "scheduling/orient_costs.h"
 #include "scheduling/orient_plan.h"
+#include "scheduling/orientation_checkpoints.h"
 #include "scheduling/workspace.h"
 #include "stages/reporting/orientation_report.h"
 
@@ -25,6 +27,7 @@ struct OrientFlags {
   scheduling::OrientOptions options;
   std::string workspace, options_file;
   std::string until = "orientation";
+  int strip_width_px = 0;
 };
 
 scheduling::OrientOptions OptionsOf(const OrientFlags& flags) {
@@ -84,7 +87,7 @@ void PrintPairs(const scheduling::OrientRun& run, const engine::Plan& plan, cons
   std::size_t pairs = 0, verified = 0, matched = 0;
   for (const auto& tile : run.tiles) {
     pairs += tile->pairs.size();
-    matched += tile->reused ? 0 : tile->pairs.size();
+    matched += tile->pairs.size() - tile->taken_over;
     for (const PairSummary& pair : tile->pairs) verified += pair.model != TwoViewModel::kRejected ? 1 : 0;
   }
   std::uint64_t read_bytes = 0, written_bytes = 0;
@@ -107,6 +110,9 @@ std::optional<OrientationResult> Execute(const std::shared_ptr<scheduling::Orien
   engine::Plan plan = scheduling::MakeOrientPlan(run);
   const engine::ExecutionReport report = runner.Run(plan);
   if (!quiet) PrintPairs(*run, plan, report);
+  if (!quiet && run->images_taken_over > 0)
+    fmt::print("mapping went on from its last checkpoint, with {} of {} images\n", run->images_taken_over,
+               run->block.images.size());
   if (run->goal == scheduling::Goal::kPairs) return std::nullopt;
   auto result = scheduling::LoadOrientation(run->store, run->keys);
   if (!result)
@@ -137,6 +143,7 @@ scheduling::OrientRun PlannedRun(const OrientFlags& flags, scheduling::OrientOpt
   scheduling::OrientRun run(inputs.block, *inputs.pixels, inputs.masks.get(), workspace.store(), options,
                             runner.overhead_bytes());
   run.budget_bytes = runner.limits().budget_bytes;
+  run.strip_width_px = flags.strip_width_px;
   run.goal = flags.until == "pairs" ? scheduling::Goal::kPairs : scheduling::Goal::kOrientation;
   return run;
 }
@@ -157,6 +164,9 @@ int RunOrient(const OrientFlags& flags, ProgramContext& context) {
   const scheduling::RunRecord record{
       inputs.images, inputs.from_scene, inputs.block, options, std::string(ProcessorLevel()), inputs.warnings};
   if (done) {
+    found.RemoveStaleTemporaries();
+    found.DropFormerRecord();
+    if (result) scheduling::DropCheckpoints(found.store(), planned.keys.orientation);
     found.WriteRecord(record);
     if (!flags.run.quiet)
       fmt::print("nothing to do: {} already in {}\n", result ? "this orientation is" : "these pairs are",
@@ -164,9 +174,12 @@ int RunOrient(const OrientFlags& flags, ProgramContext& context) {
   } else {
     const auto workspace = scheduling::Workspace::OpenOrCreate(flags.workspace);
     workspace.RemoveReports();
-    workspace.WriteRecord(record);
+    workspace.BeginRecord(record);
     const auto run = std::make_shared<scheduling::OrientRun>(planned, workspace.store());
+    if (const auto former = workspace.ReadFormerRecord())
+      run->former = std::make_shared<const scheduling::FormerPairs>(*former, workspace.store());
     result = Execute(run, runner, workspace, flags.run.quiet);
+    workspace.DropFormerRecord();
   }
   if (result) Report(inputs, *result, found, flags.run.quiet, context);
   return kExitDone;
@@ -220,6 +233,14 @@ CLI::App* AddInputCommand(CLI::App& app, const std::string& name, const std::str
           "Where to stop: pairs = features and relative orientations only; the same command without it goes on")
       ->check(CLI::IsMember({"pairs", "orientation"}))
       ->capture_default_str();
+  command
+      ->add_option("--strip-width", flags.strip_width_px,
+                   "Width of the strips that features are detected in, two at a time [px]; 0 = as wide as the memory "
+                   "allows. Never changes a result")
+      ->check(CLI::Range(0, 65536))
+      ->capture_default_str()
+      ->type_name("PX")
+      ->group("Run");
   AddOptionsFile(*command, flags.options_file);
   AddStageOptions(*command, flags.options);
   return command;

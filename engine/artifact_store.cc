@@ -199,6 +199,8 @@ void ArtifactStore::Publish(const ArtifactKey& key, std::span<const std::byte> p
   WritePartsDurably(path, {std::as_bytes(std::span(&header, 1)), payload});
 }
 
+void ArtifactStore::Remove(const ArtifactKey& key) const { ::unlink(PathOf(key).c_str()); }
+
 std::vector<ArtifactKey> ArtifactStore::List(const std::string& stage) const {
   std::vector<ArtifactKey> keys;
   ForEachFile(root_ / stage, 1, [&](const fs::path& path) {

@@ -39,6 +39,9 @@ class ArtifactStore {
   /// harmless.
   void Publish(const ArtifactKey& key, std::span<const std::byte> payload) const;
 
+  /// Removes the artifact, if it is there and may be removed; says nothing otherwise: it is no loss.
+  void Remove(const ArtifactKey& key) const;
+
   /// Keys of a stage that have a file, ascending; the files are not opened.
   std::vector<ArtifactKey> List(const std::string& stage) const;
   /// Removes temporary files that a killed program left behind: those of a process of this machine that no longer

@@ -156,6 +156,7 @@ class SummaryBuilder {
 }  // namespace
 
 features::Tiling FeatureTiling(const OrientRun& run, const Image& image) {
+  if (run.strip_width_px > 0) return {run.strip_width_px, 2};
   const std::uint64_t beside = 2 * Cap(run) * kFeatureBytes;
   return features::ChooseTiling(image.width_px, image.height_px, image.bits_per_sample, run.options.features,
                                 run.budget_bytes - std::min(run.budget_bytes, beside));

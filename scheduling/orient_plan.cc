@@ -69,6 +69,7 @@ OrientRun::OrientRun(const OrientRun& planned, const engine::ArtifactStore& s)
       images(planned.images.size()),
       overhead_bytes(planned.overhead_bytes),
       budget_bytes(planned.budget_bytes),
+      strip_width_px(planned.strip_width_px),
       goal(planned.goal) {}
 
 engine::Plan MakeOrientPlan(std::shared_ptr<OrientRun> run) {

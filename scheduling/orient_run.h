@@ -18,12 +18,15 @@ namespace rilievo::scheduling {
 /// Where a run ends.
 enum class Goal { kPairs, kOrientation };
 
+class FormerPairs;
+
 /// A tile in a run, and what its task found.
 struct TileRun {
   std::size_t number = 0;  ///< in its task's name
   PairTile tile;
   engine::ArtifactKey key;
   std::vector<PairSummary> pairs;
+  std::size_t taken_over = 0;  ///< pairs that were there already, in this tile or in one of a former run
   bool reused = false;
 };
 
@@ -45,7 +48,13 @@ struct OrientRun {
   std::uint64_t overhead_bytes = 0;
   /// What one task may hold: images are cut into strips so that their features fit it.
   std::uint64_t budget_bytes = std::numeric_limits<std::uint64_t>::max();
+  /// Of the strips that features are detected in; 0 = as wide as the budget allows. Never changes a result.
+  int strip_width_px = 0;
   Goal goal = Goal::kOrientation;
+  /// Pairs that a former run with other images has compared; may be null.
+  std::shared_ptr<const FormerPairs> former;
+  /// Images that the orientation took over from a checkpoint of an earlier run; filled by its task.
+  std::size_t images_taken_over = 0;
 
   OrientRun(const Block& block, const PixelSource& pixels, const PixelSource* masks, const engine::ArtifactStore& store,
             OrientOptions options, std::uint64_t overhead_bytes);

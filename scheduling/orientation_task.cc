@@ -10,6 +10,7 @@
 #include "scheduling/counted_io.h"
 #include "scheduling/feature_tasks.h"
 #include "scheduling/orient_costs.h"
+#include "scheduling/orientation_checkpoints.h"
 #include "scheduling/pair_tasks.h"
 #include "stages/tracks/tie_points.h"
 
@@ -108,8 +109,10 @@ void RunOrientationTask(OrientRun& run, TaskContext& context) {
   const tracks::TiePoints ties =
       tracks::MakeTiePoints({run.block, inputs.keypoints, inputs.pairs, triplets}, run.options.tracks, context);
   context.ReportProgress(0.05);
+  OrientationCheckpoints checkpoints(run.store, run.keys.orientation, context);
   mapping::Output output = mapping::Run({run.block, inputs.keypoints, inputs.colors, inputs.pairs, ties.tracks},
-                                        run.options.mapping, context);
+                                        run.options.mapping, checkpoints, context);
+  run.images_taken_over = output.images_taken_over;
   OrientationResult result{
       std::move(output.models), std::move(output.unoriented), run.images, {}, std::move(output.warnings), ties.summary};
   std::erase_if(result.unoriented,
@@ -117,6 +120,7 @@ void RunOrientationTask(OrientRun& run, TaskContext& context) {
   for (const auto& tile : run.tiles) result.pairs.insert(result.pairs.end(), tile->pairs.begin(), tile->pairs.end());
   std::sort(result.pairs.begin(), result.pairs.end(), [](const auto& a, const auto& b) { return a.pair < b.pair; });
   PublishCounted(run.store, run.keys.orientation, Serialize(result), context);
+  DropCheckpoints(run.store, run.keys.orientation);
 }
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include "block/io/serialize_block.h"
 #include "scheduling/counted_io.h"
 #include "scheduling/feature_tasks.h"
+#include "scheduling/former_pairs.h"
 #include "scheduling/orient_costs.h"
 
 namespace rilievo::scheduling {
@@ -120,23 +121,37 @@ class TileFeatures {
   std::vector<std::pair<ImageId, const LoadedImage*>> by_image_;
 };
 
+/// The results of all pairs of a tile; those that a former run has compared are taken over.
+std::vector<TwoViewGeometry> CompareTile(const OrientRun& run, TileRun& slot, const ResidentBlock& resident,
+                                         TaskContext& context) {
+  const PairTile& tile = slot.tile;
+  std::vector<std::optional<TwoViewGeometry>> known(tile.pairs.size());
+  if (run.former) known = run.former->Find(tile, run.block, run.options, run.keys, run.store, context);
+  slot.taken_over = static_cast<std::size_t>(
+      std::count_if(known.begin(), known.end(), [](const auto& geometry) { return geometry.has_value(); }));
+  std::optional<TileFeatures> features;
+  if (slot.taken_over < known.size()) features.emplace(run, tile, resident, context);
+  std::vector<TwoViewGeometry> pairs;
+  for (std::size_t i = 0; i < known.size(); ++i) {
+    context.ThrowIfStopped();
+    const ImagePair& pair = tile.pairs[i];
+    pairs.push_back(known[i] ? std::move(*known[i])
+                             : MatchAndVerify(run, pair, (*features)[pair.first], (*features)[pair.second], context));
+    context.ReportProgress(static_cast<double>(pairs.size()) / static_cast<double>(known.size()));
+  }
+  return pairs;
+}
+
 void RunPairTask(OrientRun& run, TileRun& slot, const ResidentBlock& resident, TaskContext& context) {
   const PairTile& tile = slot.tile;
   if (const auto payload = ReadCounted(run.store, slot.key, context)) {
     for (const auto& geometry : LoadTile(tile, *payload)) slot.pairs.push_back(Summarise(geometry));
     slot.reused = true;
+    slot.taken_over = tile.pairs.size();
     context.MarkReused();
     return;
   }
-  std::vector<TwoViewGeometry> pairs;
-  {
-    const TileFeatures features(run, tile, resident, context);
-    for (const ImagePair& pair : tile.pairs) {
-      context.ThrowIfStopped();
-      pairs.push_back(MatchAndVerify(run, pair, features[pair.first], features[pair.second], context));
-      context.ReportProgress(static_cast<double>(pairs.size()) / static_cast<double>(tile.pairs.size()));
-    }
-  }
+  std::vector<TwoViewGeometry> pairs = CompareTile(run, slot, resident, context);
   PublishCounted(run.store, slot.key, io::Serialize(pairs), context);
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     pairs[i].pair = tile.pairs[i];

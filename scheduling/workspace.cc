@@ -14,6 +14,7 @@ using nlohmann::json;
 namespace fs = std::filesystem;
 
 constexpr const char* kRecordName = "run.json";
+constexpr const char* kFormerName = "former-run.json";
 constexpr const char* kArtifacts = "artifacts";
 
 template <class S>
@@ -198,6 +199,11 @@ RunRecord RecordFromJson(const json& in, const fs::path& dir) {
   return record;
 }
 
+std::string RecordText(const RunRecord& record, const fs::path& dir) {
+  // A path that is not UTF-8 is only informative here: its odd bytes are replaced.
+  return ToJson(record, dir).dump(1, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
 std::string ReadText(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);
   std::ostringstream text;
@@ -258,8 +264,7 @@ Workspace Workspace::OpenOrCreate(const fs::path& dir) {
   const fs::path place = PlaceOf(dir);
   RefuseOtherThings(place);
   Workspace workspace(place, engine::ArtifactStore(place / kArtifacts));
-  workspace.store().RemoveStaleTemporaries();
-  engine::RemoveStaleTemporariesIn(place);
+  workspace.RemoveStaleTemporaries();
   return workspace;
 }
 
@@ -282,8 +287,9 @@ Workspace Workspace::ForPlanning(const fs::path& dir) {
   return Workspace(place, engine::ArtifactStore::ForReading(place / kArtifacts));
 }
 
-std::optional<RunRecord> Workspace::ReadRecord() const {
-  const fs::path path = dir_ / kRecordName;
+std::optional<RunRecord> Workspace::ReadRecord() const { return ReadRecordFile(dir_ / kRecordName); }
+
+std::optional<RunRecord> Workspace::ReadRecordFile(const fs::path& path) const {
   if (!fs::exists(path)) return std::nullopt;
   const json record = ReadRecordJson(path);
   try {
@@ -293,9 +299,28 @@ std::optional<RunRecord> Workspace::ReadRecord() const {
   }
 }
 
-void Workspace::WriteRecord(const RunRecord& record) const {
-  // A path that is not UTF-8 is only informative here: its odd bytes are replaced.
-  WriteText(kRecordName, ToJson(record, dir_).dump(1, ' ', false, json::error_handler_t::replace) + "\n");
+void Workspace::WriteRecord(const RunRecord& record) const { WriteText(kRecordName, RecordText(record, dir_)); }
+
+void Workspace::BeginRecord(const RunRecord& record) const {
+  std::error_code failed;
+  const fs::path path = dir_ / kRecordName;
+  const std::string text = RecordText(record, dir_);
+  if (fs::is_regular_file(path, failed))
+    if (const std::string former = ReadText(path); former != text) WriteText(kFormerName, former);
+  WriteText(kRecordName, text);
+}
+
+std::optional<RunRecord> Workspace::ReadFormerRecord() const {
+  try {
+    return ReadRecordFile(dir_ / kFormerName);
+  } catch (const Error&) {
+    return std::nullopt;  // it only saves work
+  }
+}
+
+void Workspace::DropFormerRecord() const {
+  std::error_code ignored;
+  fs::remove(dir_ / kFormerName, ignored);
 }
 
 void Workspace::WriteText(const std::string& name, const std::string& text) const {
@@ -303,6 +328,11 @@ void Workspace::WriteText(const std::string& name, const std::string& text) cons
   std::error_code failed;
   if (fs::is_regular_file(path, failed) && ReadText(path) == text) return;
   engine::WriteFileDurably(path, std::as_bytes(std::span(text)));
+}
+
+void Workspace::RemoveStaleTemporaries() const {
+  store_.RemoveStaleTemporaries();
+  engine::RemoveStaleTemporariesIn(dir_);
 }
 
 void Workspace::RemoveReports() const {

@@ -42,12 +42,21 @@ class Workspace {
   /// The record of the current run; none in a workspace that has had no run yet.
   std::optional<RunRecord> ReadRecord() const;
   void WriteRecord(const RunRecord& record) const;
+  /// Replaces the record by that of a run that begins, and keeps the one of other images or options beside it until
+  /// DropFormerRecord: what it has compared is found by it, also when this run is interrupted.
+  void BeginRecord(const RunRecord& record) const;
+  /// The record kept by BeginRecord; none when there is none that can be read.
+  std::optional<RunRecord> ReadFormerRecord() const;
+  void DropFormerRecord() const;
   /// Writes a file of the workspace durably, unless it holds that already: a finished workspace may be read-only.
   void WriteText(const std::string& name, const std::string& text) const;
+  /// Removes temporary files of killed programs; what cannot be removed stays.
+  void RemoveStaleTemporaries() const;
   /// Removes the reports of an earlier run, which no longer describe this workspace.
   void RemoveReports() const;
 
  private:
+  std::optional<RunRecord> ReadRecordFile(const std::filesystem::path& path) const;
   Workspace(std::filesystem::path dir, engine::ArtifactStore store) : dir_(std::move(dir)), store_(std::move(store)) {}
   std::filesystem::path dir_;
   engine::ArtifactStore store_;

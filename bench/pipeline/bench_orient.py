@@ -195,15 +195,23 @@ def peaks(bench):
     bench.figures.at_most(PEAK_ROWS[0][0], bench.peaks[worst] / 2**30, "GiB", 4)
 
 
-def colmap_wall_s(images, k_file, scratch):
-    k = [float(x) for x in k_file.read_text().split()]
-    params = f"{k[0]},{k[4]},{k[2]},{k[5]}"
+def colmap_camera(calibration):
+    """(COLMAP's model, its parameters) of a K.txt, or of the first camera of a cameras.txt."""
+    if calibration.name == "cameras.txt":
+        _, model, _, _, *params = next(line for line in calibration.read_text().splitlines() if line and not line.startswith("#")).split()
+        return model, ",".join(params)
+    k = [float(x) for x in calibration.read_text().split()]
+    return "PINHOLE", f"{k[0]},{k[4]},{k[2]},{k[5]}"
+
+
+def colmap_wall_s(images, calibration, scratch):
+    model, params = colmap_camera(calibration)
     database, sparse = scratch / "colmap.db", scratch / "colmap"
     sparse.mkdir()
     env = dict(os.environ, QT_QPA_PLATFORM="offscreen")
     wall_s = 0
     for command in (
-        ["feature_extractor", "--database_path", database, "--image_path", images, "--ImageReader.single_camera", "1", "--ImageReader.camera_model", "PINHOLE",
+        ["feature_extractor", "--database_path", database, "--image_path", images, "--ImageReader.single_camera", "1", "--ImageReader.camera_model", model,
          "--ImageReader.camera_params", params, "--SiftExtraction.use_gpu", "0", "--SiftExtraction.max_image_size", "100000", "--SiftExtraction.num_threads", "2"],
         ["exhaustive_matcher", "--database_path", database, "--SiftMatching.use_gpu", "0", "--SiftMatching.num_threads", "2"],
         ["mapper", "--database_path", database, "--image_path", images, "--output_path", sparse, "--Mapper.num_threads", "2",

@@ -2,6 +2,7 @@
 import dataclasses
 import os
 import pathlib
+import resource
 import signal
 import subprocess
 import time
@@ -17,13 +18,15 @@ class Run:
     peak_bytes: int  # VmHWM of the process, as the kernel reports it at its end
 
 
-def run(command, kill_after_s=None, env=None, cwd=None):
-    """Runs to the end, or until SIGKILL after `kill_after_s`; output is collected through files, so that wait4 can report."""
+def run(command, kill_after_s=None, env=None, cwd=None, data_limit_bytes=None):
+    """Runs to the end, or until SIGKILL after `kill_after_s`; output is collected through files, so that wait4 can report.
+    `data_limit_bytes`: most private memory the system gives it (prlimit --data)."""
     import tempfile
 
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         start = time.monotonic()
-        process = subprocess.Popen([str(part) for part in command], stdout=out, stderr=err, env=env, cwd=cwd)
+        process = subprocess.Popen([str(part) for part in command], stdout=out, stderr=err, env=env, cwd=cwd,
+                                   preexec_fn=data_limit_bytes and (lambda: resource.setrlimit(resource.RLIMIT_DATA, (data_limit_bytes, data_limit_bytes))))
         if kill_after_s is not None:
             while time.monotonic() - start < kill_after_s and process.poll() is None:
                 time.sleep(0.005)
@@ -48,6 +51,7 @@ def files_of(folder):
 
 
 def artifacts_of(workspace):
-    """{relative name: (inode, modification time)}: a recomputed artifact is a new file."""
+    """{relative name: (inode, modification time)} of finished artifacts: a recomputed one is a new file. Checkpoints of a step come and go."""
     root = pathlib.Path(workspace) / "artifacts"
-    return {str(path.relative_to(root)): (path.stat().st_ino, path.stat().st_mtime_ns) for path in sorted(root.rglob("*.art"))}
+    found = {str(path.relative_to(root)): (path.stat().st_ino, path.stat().st_mtime_ns) for path in sorted(root.rglob("*.art"))}
+    return {name: state for name, state in found.items() if not name.startswith("checkpoints/")}

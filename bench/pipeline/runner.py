@@ -10,14 +10,14 @@ import sys
 import traceback
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
-NAMES = ["orient", "features", "table1", "matching", "engine", "adjustment", "mapping", "refinement", "dense", "report"]
+NAMES = ["pipeline", "orient", "features", "table1", "matching", "engine", "adjustment", "mapping", "refinement", "dense", "report"]
 
 
 class Figures:
     """Collects one entry for every row of an issue's table."""
 
-    def __init__(self):
-        self.entries = []
+    def __init__(self, options=None):
+        self.options, self.entries = options, []
 
     def add(self, name, value, unit, bar, holds):
         self._append({"name": name, "value": value, "unit": unit, "bar": bar, "holds": bool(holds), "skipped": None})
@@ -79,10 +79,15 @@ def build():
 
 
 def main(arguments):
-    parser = argparse.ArgumentParser(prog="scripts/bench")
+    if arguments[:1] == ["compare"]:
+        import compare
+
+        return compare.main(arguments[1:])
+    parser = argparse.ArgumentParser(prog="scripts/bench", epilog="scripts/bench compare A.json B.json: ratios of two JSON files")
     parser.add_argument("name", choices=NAMES)
     parser.add_argument("--json", metavar="FILE")
     parser.add_argument("--full", action="store_true", help="also the figures that take hours")
+    parser.add_argument("--with-colmap", action="store_true", help="pipeline: COLMAP beside, on the same images")
     options = parser.parse_args(arguments)
     try:
         module = importlib.import_module(f"bench_{options.name}")
@@ -91,12 +96,12 @@ def main(arguments):
             raise
         print(f"bench: '{options.name}' has no figures yet", file=sys.stderr)
         return 2
-    figures = Figures()
+    figures = Figures(options)
     data = pathlib.Path(os.environ.get("RILIEVO_DATA", ROOT.parent / "shared" / "data")).resolve()
-    module.measure(figures, build(), data, options.full)
+    more = module.measure(figures, build(), data, options.full) or {}
     if options.json:
         pathlib.Path(options.json).write_text(
-            json.dumps({"figures": figures.entries, "machine": machine(), "commit": commit()}, indent=1) + "\n")
+            json.dumps({"figures": figures.entries, "machine": machine(), "commit": commit(), **more}, indent=1) + "\n")
     short = sum(1 for entry in figures.entries if not entry["holds"])
     print(f"{len(figures.entries) - short} of {len(figures.entries)} figures hold")
     return 1 if short else 0

@@ -75,22 +75,33 @@ void NormalizeDatum(Model& model) {
   for (Point& point : model.points) point.position = datum_from_world * point.position;
 }
 
-std::optional<Model> Finish(const GrowthInput& input, const Input& data, Reconstruction& model, RunContext& context) {
-  Settle(input, model, 3, context);
-  PointTolerance tolerance = ToleranceOf(input.options);
+std::optional<Model> Finish(const GrowthInput& input, const Input& data, FinishState& state,
+                            const std::function<void()>& keep, RunContext& context) {
+  Reconstruction& model = state.model;
   const double floor_px = 0.1 * input.options.max_residual_px;  // positions are rounded, models are not exact
   const auto reject = [&] {
+    PointTolerance tolerance = ToleranceOf(input.options);
     tolerance.max_residual_px = std::clamp(kRejection * RobustSigma(model), floor_px, input.options.max_residual_px);
     return Reject(input, model, tolerance);
   };
-  AdjustGlobally(input.block, model, {kFinalCells, std::max(0.5 * floor_px, 1.5 * RobustSigma(model)), 1e-5}, context);
-  reject();
   adjustment::Options options;
   options.function_tolerance = 1e-5;
-  for (int round = 0; round < 4; ++round) {
-    Adjust(input.block, model, model.Tracks(), options, context);
-    // The few that later rounds would find do not move anything; the last adjustment follows anyway.
-    if (reject() < static_cast<int>(model.NumPoints() / 1000 + 1)) break;
+  constexpr std::uint32_t kSteps = 2 + 4;
+  while (state.step < kSteps) {
+    bool settled = false;
+    if (state.step == 0) {
+      Settle(input, model, 3, context);
+    } else if (state.step == 1) {
+      const double loss_scale_px = std::max(0.5 * floor_px, 1.5 * RobustSigma(model));
+      AdjustGlobally(input.block, model, {kFinalCells, loss_scale_px, 1e-5}, context);
+      reject();
+    } else {
+      Adjust(input.block, model, model.Tracks(), options, context);
+      // The few that later rounds would find do not move anything; the last adjustment follows anyway.
+      settled = reject() < static_cast<int>(model.NumPoints() / 1000 + 1);
+    }
+    state.step = settled ? kSteps : state.step + 1;
+    keep();
   }
   const auto images = model.RegisteredImages();
   const auto tracks = model.Tracks();

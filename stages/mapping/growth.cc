@@ -88,11 +88,8 @@ int DropWeakImages(const GrowthInput& input, Reconstruction& model) {
   return dropped;
 }
 
-/// What an image had to offer when its resection failed: it is tried again when that has grown.
-using Failures = std::vector<std::uint32_t>;
-
-std::optional<ImageId> NextImage(const GrowthInput& input, const Reconstruction& model, const Failures& failed_at,
-                                 int min_inliers) {
+std::optional<ImageId> NextImage(const GrowthInput& input, const Reconstruction& model,
+                                 const std::vector<std::uint32_t>& failed_at, int min_inliers) {
   const TieBlock& ties = input.ties;
   std::uint32_t most = 0;
   std::vector<ImageId> candidates;
@@ -117,40 +114,61 @@ std::optional<ImageId> NextImage(const GrowthInput& input, const Reconstruction&
   return best;
 }
 
-/// Adds images under one bar until none passes it. Returns how many were added.
-int GrowUnder(const GrowthInput& input, Reconstruction& model, const ResectionBar& bar, RunContext& context) {
-  Failures failed_at(input.ties.NumImages(), 0);
-  double images_then = static_cast<double>(model.NumRegistered()), points_then = static_cast<double>(model.NumPoints());
-  int added = 0;
-  while (const auto image = NextImage(input, model, failed_at, bar.min_inliers)) {
+/// Notes the size of the model: at a fifth more it is adjusted as a whole again.
+void NoteSize(GrowthState& state) {
+  state.images_then = state.model.NumRegistered();
+  state.points_then = state.model.NumPoints();
+}
+
+bool HasGrown(const GrowthState& state) {
+  const auto grown = [](std::size_t now, std::uint64_t then) {
+    return static_cast<double>(now) >= kGlobalGrowth * static_cast<double>(then);
+  };
+  return grown(state.model.NumRegistered(), state.images_then) || grown(state.model.NumPoints(), state.points_then);
+}
+
+/// Adjusts around a new image and filters its points.
+void SettleLocally(const GrowthInput& input, Reconstruction& model, ImageId image, RunContext& context) {
+  AdjustLocally(input.block, model, image, LossScale(input.options), context);
+  const PointTolerance tolerance = ToleranceOf(input.options);
+  for (const std::uint32_t ray : input.ties.rays_of_image[image.value])
+    if (model.HasPoint(input.ties.rays[ray].track)) model.Filter(input.ties.rays[ray].track, tolerance);
+}
+
+/// Adds images under one bar until none passes it; counts them in state.added. An image that failed is tried again when
+/// it has a fifth more to offer.
+void GrowUnder(const GrowthInput& input, GrowthState& state, const ResectionBar& bar, const std::function<void()>& keep,
+               RunContext& context) {
+  Reconstruction& model = state.model;
+  if (state.failed_at.empty()) {
+    state.failed_at.assign(input.ties.NumImages(), 0);
+    state.added = 0;
+    NoteSize(state);
+  }
+  while (const auto image = NextImage(input, model, state.failed_at, bar.min_inliers)) {
     context.ThrowIfStopped();
     if (!Resect(input, model, *image, bar, context)) {
-      failed_at[image->value] = model.NumVisible(*image);
+      state.failed_at[image->value] = model.NumVisible(*image);
       continue;
     }
-    ++added;
+    ++state.added;
     IntersectNewPoints(input, model, *image);
     context.ReportProgress(static_cast<double>(model.NumRegistered()) /
                            static_cast<double>(input.ties.NumImages() + 1));
-    const bool global = static_cast<double>(model.NumRegistered()) >= kGlobalGrowth * images_then ||
-                        static_cast<double>(model.NumPoints()) >= kGlobalGrowth * points_then;
+    const bool global = HasGrown(state);
     if (global) {
       Settle(input, model, 1, context);
-      images_then = static_cast<double>(model.NumRegistered());
-      points_then = static_cast<double>(model.NumPoints());
+      NoteSize(state);
     } else {
-      AdjustLocally(input.block, model, *image, LossScale(input.options), context);
-      const PointTolerance tolerance = ToleranceOf(input.options);
-      for (const std::uint32_t ray : input.ties.rays_of_image[image->value])
-        if (model.HasPoint(input.ties.rays[ray].track)) model.Filter(input.ties.rays[ray].track, tolerance);
+      SettleLocally(input, model, *image, context);
     }
     if (!model.IsRegistered(*image) || model.NumUsed(*image) < static_cast<std::uint32_t>(bar.min_inliers)) {
       if (model.IsRegistered(*image)) model.RemoveImage(*image);
-      failed_at[image->value] = std::max(1U, model.NumVisible(*image));
-      --added;
+      state.failed_at[image->value] = std::max(1U, model.NumVisible(*image));
+      --state.added;
     }
+    if (global) keep();
   }
-  return added;
 }
 
 }  // namespace
@@ -206,15 +224,20 @@ void Settle(const GrowthInput& input, Reconstruction& model, int rounds, RunCont
   }
 }
 
-void Grow(const GrowthInput& input, Reconstruction& model, RunContext& context) {
+void Grow(const GrowthInput& input, GrowthState& state, const std::function<void()>& keep, RunContext& context) {
   const ResectionBar relaxed{input.options.min_resection_inliers, 0.1};
   const ResectionBar strict{std::max(30, input.options.min_resection_inliers), 0.25};
-  GrowUnder(input, model, strict, context);
-  for (int round = 0; round < 3; ++round) {
-    Settle(input, model, 2, context);
+  constexpr std::uint32_t kPhases = 1 + 3 * 3;
+  while (state.phase < kPhases) {
+    const bool settles = state.phase % 3 == 1, relaxes = state.phase % 3 == 2;
+    if (settles)
+      Settle(input, state.model, 2, context);
+    else
+      GrowUnder(input, state, relaxes ? relaxed : strict, keep, context);
     // A relaxed image may open the way to images that pass the strict bar again.
-    if (GrowUnder(input, model, relaxed, context) == 0) break;
-    GrowUnder(input, model, strict, context);
+    state.phase = relaxes && state.added == 0 ? kPhases : state.phase + 1;
+    state.failed_at.clear();
+    if (settles) keep();
   }
 }
 

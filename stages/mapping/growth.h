@@ -1,11 +1,13 @@
 // Grows one model from a seed pair: next image, resection, new points, adjustments.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <vector>
 
 #include "base/run_context.h"
 #include "block/block.h"
+#include "stages/mapping/mapper_state.h"
 #include "stages/mapping/mapping.h"
 #include "stages/mapping/reconstruction.h"
 #include "stages/mapping/seeds.h"
@@ -26,8 +28,9 @@ PointTolerance ToleranceOf(const Options& options);
 std::optional<Reconstruction> StartFromPair(const GrowthInput& input, const SeedPair& seed, RunContext& context);
 
 /// Adds images until none can be added: strict resections first (30 inliers, a quarter of the visible points), then
-/// relaxed ones (options.min_resection_inliers, a tenth).
-void Grow(const GrowthInput& input, Reconstruction& model, RunContext& context);
+/// relaxed ones (options.min_resection_inliers, a tenth). Phases: strict, then three rounds of settling, relaxed and
+/// strict. Goes on from where `state` stands; calls `keep` after global adjustments, when `state` is whole.
+void Grow(const GrowthInput& input, GrowthState& state, const std::function<void()>& keep, RunContext& context);
 
 /// Adjust, filter, triangulate again, until few rays change (at most `rounds` times); drops images left with too few
 /// rays.

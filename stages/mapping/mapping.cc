@@ -3,14 +3,17 @@
 
 #include <algorithm>
 #include <array>
+#include <functional>
 #include <numeric>
 #include <optional>
 #include <tuple>
+#include <utility>
 
 #include "stages/adjustment/adjustment.h"
 #include "stages/mapping/doubts.h"
 #include "stages/mapping/finish.h"
 #include "stages/mapping/growth.h"
+#include "stages/mapping/mapper_state.h"
 #include "stages/mapping/reasons.h"
 #include "stages/mapping/seeds.h"
 
@@ -38,29 +41,60 @@ std::vector<std::size_t> ComponentSizes(std::span<const TwoViewGeometry> pairs,
   return sizes;
 }
 
-/// The best model of the available images, or none.
-std::optional<Reconstruction> MapComponent(const GrowthInput& input, std::span<const SeedPair> seeds,
-                                           std::span<const TwoViewGeometry> pairs, RunContext& context) {
-  const std::vector<std::size_t> component = ComponentSizes(pairs, input.available);
-  std::optional<Reconstruction> best;
-  int starts = 0, growths = 0;
-  for (const SeedPair& seed : seeds) {
-    if (!input.available[seed.pair.first.value] || !input.available[seed.pair.second.value]) continue;
-    // A seed inside the best model so far would grow to much the same one.
-    if (best && best->IsRegistered(seed.pair.first) && best->IsRegistered(seed.pair.second)) {
-      const std::size_t reachable = component[seed.pair.first.value];
-      if (best->NumRegistered() * 2 > reachable) continue;
+using Keep = std::function<void()>;
+
+/// True when a model from this seed may be better than the best so far.
+bool IsWorthStarting(const MapperState& state, const SeedPair& seed, const std::vector<std::size_t>& component) {
+  if (!state.available[seed.pair.first.value] || !state.available[seed.pair.second.value]) return false;
+  // A seed inside the best model so far would grow to much the same one.
+  const bool inside =
+      state.best && state.best->IsRegistered(seed.pair.first) && state.best->IsRegistered(seed.pair.second);
+  return !inside || state.best->NumRegistered() * 2 <= component[seed.pair.first.value];
+}
+
+/// Leaves the best model of the available images in state.best, or none.
+void MapComponent(const GrowthInput& input, std::span<const SeedPair> seeds, std::span<const TwoViewGeometry> pairs,
+                  MapperState& state, const Keep& keep, RunContext& context) {
+  const std::vector<std::size_t> component = ComponentSizes(pairs, state.available);
+  for (; state.next_seed < seeds.size(); ++state.next_seed) {
+    const SeedPair& seed = seeds[state.next_seed];
+    if (!state.growing) {
+      if (!IsWorthStarting(state, seed, component)) continue;
+      if (++state.starts > kMaxStarts) break;
+      auto model = StartFromPair(input, seed, context);
+      if (!model) continue;
+      state.growing = GrowthState{std::move(*model), 0, {}};
     }
-    if (++starts > kMaxStarts) break;
-    auto model = StartFromPair(input, seed, context);
-    if (!model) continue;
-    Grow(input, *model, context);
-    if (!best ||
-        std::tuple(model->NumRegistered(), model->NumPoints()) > std::tuple(best->NumRegistered(), best->NumPoints()))
-      best = std::move(model);
-    if (5 * best->NumRegistered() >= 4 * component[seed.pair.first.value] || ++growths >= kMaxGrowths) break;
+    Grow(input, *state.growing, keep, context);
+    const Reconstruction& model = state.growing->model;
+    if (!state.best || std::tuple(model.NumRegistered(), model.NumPoints()) >
+                           std::tuple(state.best->NumRegistered(), state.best->NumPoints()))
+      state.best = std::move(state.growing->model);
+    state.growing.reset();
+    if (5 * state.best->NumRegistered() >= 4 * component[seed.pair.first.value] || ++state.growths >= kMaxGrowths)
+      break;
   }
-  return best;
+}
+
+/// Finishes the next model and takes its images out. False when there is none left.
+bool MapNext(const GrowthInput& input, const Input& data, std::span<const SeedPair> seeds,
+             std::span<const TwoViewGeometry> pairs, MapperState& state, const Keep& keep, RunContext& context) {
+  if (!state.finishing) {
+    MapComponent(input, seeds, pairs, state, keep, context);
+    if (!state.best) return false;
+    state.finishing = FinishState{std::move(*state.best), 0};
+    state.best.reset();
+  }
+  auto model = Finish(input, data, *state.finishing, keep, context);
+  // Whatever was tried is out of the next round, so that every round makes progress.
+  for (const ImageId image : state.finishing->model.RegisteredImages()) state.available[image.value] = 0;
+  state.finishing.reset();
+  state.next_seed = state.starts = state.growths = 0;
+  if (!model) return true;
+  for (const auto& [image, pose] : model->cam_from_world) state.available[image.value] = 0;
+  if (model->cam_from_world.size() >= static_cast<std::size_t>(input.options.min_model_images))
+    state.models.push_back(std::move(*model));
+  return true;
 }
 
 }  // namespace
@@ -90,25 +124,26 @@ TaskCost Estimate(std::size_t images, std::size_t features_in_all, std::size_t m
   return cost;
 }
 
-Output Run(const Input& input, const Options& options, RunContext& context) {
+Output Run(const Input& input, const Options& options, Checkpoints& checkpoints, RunContext& context) {
   context.ThrowIfStopped();
   std::vector<TwoViewGeometry> pairs(input.pairs.begin(), input.pairs.end());
   std::sort(pairs.begin(), pairs.end(), [](const auto& a, const auto& b) { return a.pair < b.pair; });
   const TieBlock ties = MakeTieBlock(input);
   const std::vector<SeedPair> seeds = SeedPairs(input, pairs);
-  std::vector<std::uint8_t> available(input.block.images.size(), 1);
-  const GrowthInput growth{input.block, ties, options, available};
 
   Output output;
-  while (auto reconstruction = MapComponent(growth, seeds, pairs, context)) {
-    auto model = Finish(growth, input, *reconstruction, context);
-    // Whatever was tried is out of the next round, so that every round makes progress.
-    for (const ImageId image : reconstruction->RegisteredImages()) available[image.value] = 0;
-    if (!model) continue;
-    for (const auto& [image, pose] : model->cam_from_world) available[image.value] = 0;
-    if (model->cam_from_world.size() >= static_cast<std::size_t>(options.min_model_images))
-      output.models.push_back(std::move(*model));
+  MapperState state;
+  if (const auto kept = checkpoints.Last()) {
+    state = DeserializeState(*kept, ties, context.Seed());
+    output.images_taken_over = state.NumMapped();
+  } else {
+    state.available.assign(input.block.images.size(), 1);
   }
+  const GrowthInput growth{input.block, ties, options, state.available};
+  const Keep keep = [&] { checkpoints.Keep(Serialize(state)); };
+  while (MapNext(growth, input, seeds, pairs, state, keep, context)) {
+  }
+  output.models = std::move(state.models);
   std::stable_sort(output.models.begin(), output.models.end(), [](const Model& a, const Model& b) {
     return std::tuple(a.cam_from_world.size(), a.points.size()) > std::tuple(b.cam_from_world.size(), b.points.size());
   });
@@ -116,6 +151,11 @@ Output Run(const Input& input, const Options& options, RunContext& context) {
   output.warnings = Doubts(input, pairs, output.models, options.max_residual_px);
   context.ReportProgress(1);
   return output;
+}
+
+Output Run(const Input& input, const Options& options, RunContext& context) {
+  NoCheckpoints none;
+  return Run(input, options, none, context);
 }
 
 }  // namespace rilievo::mapping

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "base/checkpoints.h"
 #include "base/option.h"
 #include "base/run_context.h"
 #include "base/task_cost.h"
@@ -40,9 +41,13 @@ struct Output {
   std::vector<Model> models;                ///< largest first; disconnected scenes give several
   std::vector<UnorientedImage> unoriented;  ///< images in no model, with the reason
   std::vector<std::string> warnings;        ///< what speaks against the models, one line each (see Doubts)
+  std::size_t images_taken_over = 0;        ///< mapped by an earlier run, whose checkpoint this one went on from
 };
 
-/// Deterministic: seeds come from context.Seed() and image ids. Throws Cancelled on a stop request.
+/// Deterministic: seeds come from context.Seed() and image ids. Throws Cancelled on a stop request. Goes on from the
+/// last checkpoint, and keeps one after each global adjustment; the result is the same, but for `images_taken_over`.
+Output Run(const Input& input, const Options& options, Checkpoints& checkpoints, RunContext& context);
+/// The same without checkpoints.
 Output Run(const Input& input, const Options& options, RunContext& context);
 
 }  // namespace rilievo::mapping

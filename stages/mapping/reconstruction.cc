@@ -3,6 +3,7 @@
 
 #include "base/check.h"
 #include "base/rng.h"
+#include "block/io/serialize_common.h"
 
 namespace rilievo::mapping {
 
@@ -129,6 +130,34 @@ int Reconstruction::Filter(std::uint32_t track, const PointTolerance& tolerance)
   if (left >= 2 && IntersectionAngle(UsedViews(track), positions_[track]) >= tolerance.min_angle_rad) return dropped;
   RemovePoint(track);
   return dropped + left;
+}
+
+void Reconstruction::Write(ByteWriter& out) const {
+  for (const auto& pose : poses_) {
+    out.Put<std::uint8_t>(pose.has_value());
+    if (pose) io::PutPose(out, pose->rigid);
+  }
+  out.PutVector(has_point_);
+  out.PutVector(used_);
+  for (std::uint32_t track = 0; track < has_point_.size(); ++track)
+    if (has_point_[track]) io::PutMatrix(out, positions_[track]);
+}
+
+Reconstruction Reconstruction::Read(ByteReader& in, const TieBlock& ties, std::uint64_t seed) {
+  Reconstruction r(ties, seed);
+  for (std::uint32_t image = 0; image < ties.NumImages(); ++image)
+    if (in.Get<std::uint8_t>() != 0) r.SetPose(ImageId(image), io::GetPose(in));
+  r.has_point_ = in.GetVector<std::uint8_t>();
+  r.used_ = in.GetVector<std::uint8_t>();
+  io::Require(r.has_point_.size() == ties.NumTracks() && r.used_.size() == ties.rays.size(), "other tie points");
+  for (std::uint32_t track = 0; track < r.has_point_.size(); ++track) {
+    if (!r.has_point_[track]) continue;
+    r.positions_[track] = io::GetMatrix<3>(in);
+    ++r.points_;
+    for (std::uint32_t ray = ties.first_ray[track]; ray < ties.first_ray[track + 1]; ++ray)
+      ++r.visible_[ties.rays[ray].image.value];
+  }
+  return r;
 }
 
 }  // namespace rilievo::mapping

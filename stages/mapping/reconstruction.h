@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "base/serialize.h"
 #include "geometry/rigid3.h"
 #include "geometry/triangulation.h"
 #include "stages/mapping/tie_block.h"
@@ -58,6 +59,11 @@ class Reconstruction {
   void Refine(std::uint32_t track);
   /// Drops rays above the residual and points under the angle. Returns the number of rays dropped.
   int Filter(std::uint32_t track, const PointTolerance& tolerance);
+
+  /// Every bit of poses, points and rays in use.
+  void Write(ByteWriter& out) const;
+  /// What Write wrote, on the same ties. Throws Error(kInvalidInput) when it does not fit them.
+  static Reconstruction Read(ByteReader& in, const TieBlock& ties, std::uint64_t seed);
 
  private:
   struct Pose {

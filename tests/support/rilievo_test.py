@@ -8,6 +8,8 @@ import subprocess
 import tempfile
 import unittest
 
+from faults import artifacts  # noqa: F401 - for the tests
+
 RILIEVO = os.environ.get("RILIEVO", "rilievo")
 SOURCE = pathlib.Path(os.environ.get("RILIEVO_SOURCE", pathlib.Path(__file__).resolve().parents[2]))
 DATA = pathlib.Path(os.environ.get("RILIEVO_DATA", SOURCE.parent / "shared" / "data"))
@@ -71,12 +73,6 @@ class ProgramTest(unittest.TestCase):
 def rilievo(*arguments, env=None, timeout=ORIENT_SECONDS, **keywords):
     environment = dict(os.environ, **(env or {}))
     return subprocess.run([RILIEVO, *map(str, arguments)], capture_output=True, text=True, env=environment, timeout=timeout, **keywords)
-
-
-def artifacts(workspace):
-    """{relative name: (inode, time)}: an artifact that was made again is another file."""
-    root = pathlib.Path(workspace) / "artifacts"
-    return {str(p.relative_to(root)): (p.stat().st_ino, p.stat().st_mtime_ns) for p in sorted(root.rglob("*.art"))}
 
 
 main = unittest.main

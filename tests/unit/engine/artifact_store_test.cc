@@ -202,6 +202,18 @@ TEST_F(ArtifactStoreTest, FullDiskIsOneClearLineAndLeavesNothing) {
   EXPECT_EQ(CountFiles(root_), 1u);
 }
 
+TEST_F(ArtifactStoreTest, RemoveTakesOneArtifactAway) {
+  const ArtifactStore store(root_);
+  const auto payload = RandomBytes(100, 1);
+  store.Publish(Key(1), payload);
+  store.Publish(Key(2), payload);
+  store.Remove(Key(1));
+  store.Remove(Key(3));  // was never there
+  EXPECT_FALSE(store.Exists(Key(1)));
+  EXPECT_TRUE(store.Verify(Key(2)));
+  EXPECT_THAT(store.List("test-stage"), ::testing::ElementsAre(Key(2)));
+}
+
 TEST_F(ArtifactStoreTest, ListGivesTheKeysInOrder) {
   const ArtifactStore store(root_);
   std::vector<ArtifactKey> keys;
