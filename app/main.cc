@@ -4,6 +4,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <CLI/CLI.hpp>
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
@@ -90,7 +91,7 @@ int FlushOutput(const ProgramContext& context, int exit_code) {
 }
 
 int Main(int argc, char** argv) {
-  static ProgramContext context;  // the signal thread may look at it while the process ends
+  static ProgramContext& context = *new ProgramContext;  // never destroyed: the signal thread may look at it to the end
   PrepareProcess();
   WatchSignals(context);
   CLI::App app("Rilievo: orientation of full-resolution photographs, with statistics", "rilievo");
