@@ -21,6 +21,7 @@ struct ProgramContext {
   engine::StopSource stop;
   int exit_code = kExitDone;               ///< set by the command that ran
   std::atomic<bool> json_messages{false};  ///< --progress json: warnings and errors are JSON lines; read by any thread
+  std::atomic<bool> cancel_told{false};    ///< whoever ends a cancelled run first says so, once
   std::mutex before_exit_mutex;            ///< guards before_exit
   std::function<void()> before_exit;       ///< what a cancelled program still does: writing its trace
 };
