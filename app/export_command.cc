@@ -1,7 +1,10 @@
 // rilievo export: the orientation in the formats of other programs.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <filesystem>
+#include <memory>
+#include <span>
 
 #include "app/command.h"
 #include "app/stored_run.h"

@@ -3,13 +3,19 @@
 
 #include <algorithm>
 #include <chrono>
+#include <filesystem>
 #include <iterator>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <optional>
+#include <span>
+#include <vector>
 
 #include "app/command.h"
+#include "app/declared_options.h"
 #include "app/run_flags.h"
+#include "base/units.h"
 #include "block/coverage.h"
 #include "block/io/image_header.h"
 #include "engine/artifact_store.h"

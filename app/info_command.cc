@@ -1,6 +1,11 @@
 // rilievo info: the state of a workspace, per stage and image.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+#include <vector>
+
 #include "app/command.h"
 #include "app/stored_run.h"
 #include "scheduling/orient_plan.h"

@@ -2,9 +2,14 @@
 #include "app/inputs.h"
 
 #include <algorithm>
+#include <filesystem>
+#include <memory>
 #include <optional>
 #include <utility>
+#include <vector>
 
+#include "app/declared_options.h"
+#include "base/units.h"
 #include "block/io/assign_cameras.h"
 #include "block/io/calibration.h"
 #include "block/io/duplicate_images.h"

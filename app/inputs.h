@@ -1,7 +1,6 @@
 // What a run works on: images of a folder or of a scene, with their cameras.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 #include <string>

@@ -4,6 +4,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <CLI/CLI.hpp>
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
@@ -19,7 +20,11 @@ namespace {
 
 constexpr auto kGrace = std::chrono::milliseconds(700);
 
-constexpr const char* kCancelledLine = "cancelled; finished work is kept, run the same command to continue";
+/// Said once: a program that takes longer than the grace to end meets its signal thread.
+void PrintCancelled(ProgramContext& context) {
+  if (!context.cancel_told.exchange(true))
+    PrintError(context, "cancelled; finished work is kept, run the same command to continue");
+}
 
 /// Takes SIGINT and SIGTERM on a thread of its own: asks the run to stop, and after a grace leaves at once. That is
 /// safe at any instant, because artifacts are published atomically.
@@ -38,7 +43,7 @@ void WatchSignals(ProgramContext& context) {
       const std::lock_guard lock(context.before_exit_mutex);
       if (context.before_exit) context.before_exit();
     }
-    PrintError(context, kCancelledLine);
+    PrintCancelled(context);
     ::_exit(kExitCancelled);
   }).detach();
 }
@@ -69,7 +74,7 @@ int Dispatch(CLI::App& app, int argc, char** argv, ProgramContext& context) {
     PrintError(context, line + " (see rilievo --help)");
     return kExitUsage;
   } catch (const Cancelled&) {
-    PrintError(context, kCancelledLine);
+    PrintCancelled(context);
     return kExitCancelled;
   } catch (const Error& error) {
     PrintError(context, error.what());
@@ -91,7 +96,7 @@ int FlushOutput(const ProgramContext& context, int exit_code) {
 }
 
 int Main(int argc, char** argv) {
-  static ProgramContext context;  // the signal thread may look at it while the process ends
+  static ProgramContext& context = *new ProgramContext;  // never destroyed: the signal thread may look at it to the end
   PrepareProcess();
   WatchSignals(context);
   CLI::App app("Rilievo: orientation of full-resolution photographs, with statistics", "rilievo");

@@ -1,6 +1,7 @@
 // Warnings and errors on stderr, for people or for programs.
 #include <fmt/format.h>
 
+#include <cstdio>
 #include <nlohmann/json.hpp>
 
 #include "app/command.h"

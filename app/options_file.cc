@@ -1,6 +1,8 @@
 // Reads --options FILE into the options of a command.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
+#include <filesystem>
 #include <toml.hpp>
 
 #include "app/command.h"

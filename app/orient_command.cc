@@ -1,15 +1,19 @@
 // rilievo orient: from photographs and calibration to an oriented block in a workspace.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <vector>
 
 #include "app/command.h"
 #include "app/inputs.h"
 #include "app/pair_inputs.h"
 #include "app/run_flags.h"
 #include "base/cpu.h"
+#include "base/units.h"
 #include "scheduling/former_pairs.h"
 #include "scheduling/orient_costs.h"
 #include "scheduling/orient_plan.h"

@@ -3,8 +3,10 @@
 
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <utility>
+#include <vector>
 
 #include "block/io/pair_list.h"
 #include "scheduling/spatial_pairs.h"

@@ -1,7 +1,6 @@
 // Which pairs a run is asked for: block type, list file, GNSS positions.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <string>
 
 #include "app/inputs.h"

@@ -1,6 +1,8 @@
 // rilievo report: the orientation result as text or JSON; with --truth the errors against a simulated scene.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
+#include <memory>
 #include <nlohmann/json.hpp>
 
 #include "app/command.h"

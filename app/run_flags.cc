@@ -5,12 +5,16 @@
 #include <sched.h>
 #include <unistd.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <fstream>
 #include <mutex>
 #include <optional>
 #include <utility>
+#include <vector>
+
+#include "base/units.h"
 
 namespace rilievo::app {
 namespace {

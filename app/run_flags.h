@@ -1,7 +1,6 @@
 // The flags of commands that run a plan: memory, threads, progress, trace; and running it.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <memory>
 #include <string>
 #include <vector>

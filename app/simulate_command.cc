@@ -2,9 +2,13 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <memory>
+#include <vector>
 
 #include "app/command.h"
+#include "app/declared_options.h"
 #include "app/run_flags.h"
+#include "base/units.h"
 #include "scheduling/workspace.h"
 #include "simulation/block_folder.h"
 #include "simulation/renderer.h"

@@ -1,6 +1,7 @@
 // Opens workspaces for the commands that read them.
 #include "app/stored_run.h"
 
+#include <filesystem>
 #include <utility>
 
 #include "scheduling/guided_plan.h"
