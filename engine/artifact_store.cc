@@ -143,6 +143,7 @@ ArtifactStore::ArtifactStore(fs::path root) : root_(std::move(root)) {
 ArtifactStore ArtifactStore::ForReading(fs::path root) {
   ArtifactStore store;
   store.root_ = std::move(root);
+  store.is_only_read_ = true;
   return store;
 }
 
@@ -162,7 +163,7 @@ std::optional<std::vector<std::byte>> ArtifactStore::Read(const ArtifactKey& key
     std::vector<std::byte> payload(header->payload_bytes);
     if (file.ReadSome(payload) == payload.size() && Checksum(payload) == header->payload_checksum) return payload;
   }
-  Quarantine(root_, key, path);
+  if (!is_only_read_) Quarantine(root_, key, path);
   return std::nullopt;
 }
 

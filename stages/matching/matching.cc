@@ -30,8 +30,11 @@ const Kernel& ProcessKernel() {
   return kernel;
 }
 
+constexpr KernelName kM2Kernel{"m2", KernelName::Arithmetic::kBytes};
+constexpr double kBytesADescriptor = sizeof(Descriptor);
+
 /// Neighbours of a and, for a mutual check, of b.
-NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options& options, const RunContext& context) {
+NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options& options, RunContext& context) {
   switch (MatcherFor(a.descriptors.size(), b.descriptors.size(), options)) {
     case Matcher::kKdTree:
       return FindTwoNearestByTrees(a.descriptors, b.descriptors, static_cast<std::size_t>(options.kd_checks),
@@ -42,7 +45,10 @@ NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options&
     case Matcher::kM2:
       break;
   }
-  return FindTwoNearest(a, b, context);
+  NeighborTable table;
+  const double comparisons = static_cast<double>(a.descriptors.size()) * static_cast<double>(b.descriptors.size());
+  context.RunKernel(kM2Kernel, kBytesADescriptor * comparisons, [&] { table = FindTwoNearest(a, b, context); });
+  return table;
 }
 
 constexpr double kSecondsPerComparison = 1.5e-9;

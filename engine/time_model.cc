@@ -1,0 +1,125 @@
+// Factors of stages, and the time that is left on so many threads.
+#include "engine/time_model.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace rilievo::engine {
+namespace {
+
+/// The factor of all that has been measured weighs as much as this many tasks of the stage itself.
+constexpr double kTasksOfPrior = 0.5;
+/// A task that says how far it is, but hardly begun, tells nothing yet.
+constexpr double kLeastFraction = 0.05;
+/// A task that takes longer than it should has this share of its time so far still to go.
+constexpr double kOverdue = 0.1;
+
+const StageForecast* Find(const RunForecast& forecast, const std::string& stage) {
+  for (const StageForecast& s : forecast.stages)
+    if (s.stage == stage) return &s;
+  return nullptr;
+}
+
+double ScaleOf(const RunForecast& forecast, const std::string& stage) {
+  const StageForecast* const told = Find(forecast, stage);
+  return told != nullptr ? told->scale : 1;
+}
+
+bool ComesLast(const RunForecast& forecast, const std::string& stage) {
+  const StageForecast* const told = Find(forecast, stage);
+  return told != nullptr && told->comes_last;
+}
+
+}  // namespace
+
+void TimeModel::Add(const std::string& stage, double work) { stages_[stage].waiting_work += work; }
+
+void TimeModel::Start(TaskId id, const std::string& stage, double work, double now_s) {
+  if (first_start_s_ < 0) first_start_s_ = now_s;
+  stages_[stage].waiting_work -= work;
+  running_[id] = {stage, work, now_s, 0};
+}
+
+void TimeModel::SetFraction(TaskId id, double fraction) {
+  if (const auto found = running_.find(id); found != running_.end())
+    found->second.fraction = std::clamp(fraction, 0.0, 1.0);
+}
+
+void TimeModel::Finish(TaskId id, const std::string& stage, double work, bool computed, double now_s, double helped_s) {
+  const auto found = running_.find(id);
+  if (found == running_.end()) {  // it never began
+    stages_[stage].waiting_work -= work;
+    return;
+  }
+  if (computed) {
+    Stage& s = stages_[stage];
+    s.measured_work += work;
+    s.measured_s += now_s - found->second.start_s + helped_s;
+    ++s.measured;
+  }
+  running_.erase(found);
+}
+
+/// The stages with their work as the forecast scales it, and with what running tasks tell.
+std::map<std::string, TimeModel::Stage> TimeModel::Measured(double now_s, const RunForecast& forecast) const {
+  std::map<std::string, Stage> stages = stages_;
+  for (const auto& [id, task] : running_) {
+    if (task.fraction < kLeastFraction) continue;
+    Stage& stage = stages[task.stage];
+    stage.measured_work += task.fraction * task.work;
+    stage.measured_s += now_s - task.start_s;
+    ++stage.measured;
+  }
+  for (auto& [name, stage] : stages) {
+    const double scale = ScaleOf(forecast, name);
+    stage.waiting_work = scale * std::max(0.0, stage.waiting_work);
+    stage.measured_work *= scale;
+  }
+  return stages;
+}
+
+double TimeModel::RunningLeft_s(const Running& task, double factor, double now_s) {
+  const double so_far_s = now_s - task.start_s, whole_s = task.work * factor;
+  if (task.fraction >= kLeastFraction) return so_far_s * (1 - task.fraction) / task.fraction;
+  return std::max(whole_s - so_far_s, std::min(whole_s, kOverdue * so_far_s));
+}
+
+TimeModel::Estimate TimeModel::At(double now_s, const RunForecast& forecast) const {
+  const std::map<std::string, Stage> stages = Measured(now_s, forecast);
+  double all_work = 0, all_s = 0;
+  for (const auto& [name, stage] : stages) {
+    all_work += stage.measured_work;
+    all_s += stage.measured_s;
+  }
+  if (all_work <= 0 || now_s <= first_start_s_) return {};
+  const double common = all_s / all_work, elapsed_s = now_s - first_start_s_;
+  const auto factor = [&](const std::string& name) {
+    const auto found = stages.find(name);
+    if (found == stages.end() || found->second.measured == 0) return common;
+    const Stage& stage = found->second;
+    const double prior_work = kTasksOfPrior * stage.measured_work / static_cast<double>(stage.measured);
+    return (stage.measured_s + prior_work * common) / (stage.measured_work + prior_work);
+  };
+
+  std::map<std::string, double> left_s;  // worker seconds
+  double longest_s = 0, busy_s = 0;
+  for (const auto& [name, stage] : stages) left_s[name] += stage.waiting_work * factor(name);
+  for (const StageForecast& told : forecast.stages) left_s[told.stage] += told.more_work * factor(told.stage);
+  for (const auto& [id, task] : running_) {
+    const double task_left_s = RunningLeft_s(task, ScaleOf(forecast, task.stage) * factor(task.stage), now_s);
+    left_s[task.stage] += task_left_s;
+    if (!ComesLast(forecast, task.stage)) longest_s = std::max(longest_s, task_left_s);
+    busy_s += now_s - task.start_s;
+  }
+  for (const auto& [name, stage] : stages_) busy_s += stage.measured_s;
+  const double threads = forecast.threads > 0 ? forecast.threads : std::max(1.0, busy_s / elapsed_s);
+
+  double shared_s = 0, last_s = 0;
+  for (const auto& [name, seconds_s] : left_s) (ComesLast(forecast, name) ? last_s : shared_s) += seconds_s;
+  Estimate estimate;
+  estimate.left_s = std::max(shared_s / threads, longest_s) + last_s;
+  estimate.fraction = elapsed_s / (elapsed_s + estimate.left_s);
+  return estimate;
+}
+
+}  // namespace rilievo::engine
