@@ -26,7 +26,7 @@ class MemoryCurve {
   std::vector<MemorySample> Samples() const;
 
  private:
-  static constexpr std::size_t kMostSamples = 2048;
+  static constexpr std::size_t kMostSamples = 1024;
   void Sample();
 
   mutable std::mutex mutex_;

@@ -198,7 +198,7 @@ Progress::Estimate Progress::WholeRun(double now_s) const {
 
 std::string Progress::TotalLine(double now_s) const {
   const Estimate whole = WholeRun(now_s);
-  std::string line = Format("total %.0f %%", std::floor(100 * whole.fraction));
+  std::string line = Format("total %.0f %%", std::floor(100 * whole.fraction + 1e-6));
   if (whole.fraction < 1) line += "  ETA " + (whole.eta_s < 0 ? std::string("-") : FormatDuration(whole.eta_s));
   return line;
 }

@@ -2,17 +2,19 @@
 #include "engine/time_model.h"
 
 #include <algorithm>
-#include <cmath>
+#include <functional>
+#include <queue>
 
 namespace rilievo::engine {
 namespace {
 
-/// The factor of all that has been measured weighs as much as this many tasks of the stage itself.
-constexpr double kTasksOfPrior = 0.5;
+/// The factor of all that has been measured weighs as much as this part of a task of the stage itself.
+constexpr double kTasksOfPrior = 0.25;
 /// A task that says how far it is, but hardly begun, tells nothing yet.
 constexpr double kLeastFraction = 0.05;
 /// A task that takes longer than it should has this share of its time so far still to go.
 constexpr double kOverdue = 0.1;
+constexpr double kAboutToEnd = 0.9;
 
 const StageForecast* Find(const RunForecast& forecast, const std::string& stage) {
   for (const StageForecast& s : forecast.stages)
@@ -32,11 +34,15 @@ bool ComesLast(const RunForecast& forecast, const std::string& stage) {
 
 }  // namespace
 
-void TimeModel::Add(const std::string& stage, double work) { stages_[stage].waiting_work += work; }
+void TimeModel::Add(const std::string& stage, double work) {
+  Stage& s = stages_[stage];
+  s.waiting_work += work;
+  ++s.waiting;
+}
 
 void TimeModel::Start(TaskId id, const std::string& stage, double work, double now_s) {
   if (first_start_s_ < 0) first_start_s_ = now_s;
-  stages_[stage].waiting_work -= work;
+  Unwait(stages_[stage], work);
   running_[id] = {stage, work, now_s, 0};
 }
 
@@ -48,7 +54,7 @@ void TimeModel::SetFraction(TaskId id, double fraction) {
 void TimeModel::Finish(TaskId id, const std::string& stage, double work, bool computed, double now_s, double helped_s) {
   const auto found = running_.find(id);
   if (found == running_.end()) {  // it never began
-    stages_[stage].waiting_work -= work;
+    Unwait(stages_[stage], work);
     return;
   }
   if (computed) {
@@ -60,6 +66,28 @@ void TimeModel::Finish(TaskId id, const std::string& stage, double work, bool co
   running_.erase(found);
 }
 
+void TimeModel::Unwait(Stage& stage, double work) {
+  stage.waiting_work -= work;
+  stage.waiting -= stage.waiting > 0 ? 1 : 0;
+}
+
+double TimeModel::WavesLeft_s(const Stage& stage, double factor, std::vector<double> busy_until_s, double threads) {
+  constexpr std::size_t kManyWaves = 32;  // then the last one matters little
+  const auto workers = static_cast<std::size_t>(threads + 0.5);
+  if (stage.waiting == 0 || workers < 2 || stage.waiting > kManyWaves * workers) return 0;
+  const double each_s = stage.waiting_work * factor / static_cast<double>(stage.waiting);
+  if (busy_until_s.size() < workers) busy_until_s.resize(workers, 0);
+  std::priority_queue<double, std::vector<double>, std::greater<>> free_at_s(busy_until_s.begin(), busy_until_s.end());
+  double end_s = 0;
+  for (std::size_t i = 0; i < stage.waiting; ++i) {
+    const double start_s = free_at_s.top();
+    free_at_s.pop();
+    free_at_s.push(start_s + each_s);
+    end_s = std::max(end_s, start_s + each_s);
+  }
+  return end_s;
+}
+
 /// The stages with their work as the forecast scales it, and with what running tasks tell.
 std::map<std::string, TimeModel::Stage> TimeModel::Measured(double now_s, const RunForecast& forecast) const {
   std::map<std::string, Stage> stages = stages_;
@@ -68,6 +96,18 @@ std::map<std::string, TimeModel::Stage> TimeModel::Measured(double now_s, const 
     Stage& stage = stages[task.stage];
     stage.measured_work += task.fraction * task.work;
     stage.measured_s += now_s - task.start_s;
+    ++stage.measured;
+  }
+  // The first to end is the shortest of those that began together: the others, about to end, count as well.
+  for (const auto& [id, task] : running_) {
+    const Stage& ended = stages_.at(task.stage);
+    const double so_far_s = now_s - task.start_s;
+    if (task.fraction >= kLeastFraction || ended.measured == 0 ||
+        so_far_s * ended.measured_work < kAboutToEnd * ended.measured_s * task.work)
+      continue;
+    Stage& stage = stages[task.stage];
+    stage.measured_work += task.work;
+    stage.measured_s += (1 + kOverdue) * so_far_s;
     ++stage.measured;
   }
   for (auto& [name, stage] : stages) {
@@ -102,13 +142,14 @@ TimeModel::Estimate TimeModel::At(double now_s, const RunForecast& forecast) con
   };
 
   std::map<std::string, double> left_s;  // worker seconds
-  double longest_s = 0, busy_s = 0;
+  std::vector<double> running_left_s;
+  double busy_s = 0;
   for (const auto& [name, stage] : stages) left_s[name] += stage.waiting_work * factor(name);
   for (const StageForecast& told : forecast.stages) left_s[told.stage] += told.more_work * factor(told.stage);
   for (const auto& [id, task] : running_) {
     const double task_left_s = RunningLeft_s(task, ScaleOf(forecast, task.stage) * factor(task.stage), now_s);
     left_s[task.stage] += task_left_s;
-    if (!ComesLast(forecast, task.stage)) longest_s = std::max(longest_s, task_left_s);
+    if (!ComesLast(forecast, task.stage)) running_left_s.push_back(task_left_s);
     busy_s += now_s - task.start_s;
   }
   for (const auto& [name, stage] : stages_) busy_s += stage.measured_s;
@@ -116,8 +157,13 @@ TimeModel::Estimate TimeModel::At(double now_s, const RunForecast& forecast) con
 
   double shared_s = 0, last_s = 0;
   for (const auto& [name, seconds_s] : left_s) (ComesLast(forecast, name) ? last_s : shared_s) += seconds_s;
+  double shared_left_s = shared_s / threads;
+  for (const double left : running_left_s) shared_left_s = std::max(shared_left_s, left);
+  for (const auto& [name, stage] : stages)
+    if (!ComesLast(forecast, name))
+      shared_left_s = std::max(shared_left_s, WavesLeft_s(stage, factor(name), running_left_s, threads));
   Estimate estimate;
-  estimate.left_s = std::max(shared_s / threads, longest_s) + last_s;
+  estimate.left_s = shared_left_s + last_s;
   estimate.fraction = elapsed_s / (elapsed_s + estimate.left_s);
   return estimate;
 }

@@ -45,6 +45,7 @@ class TimeModel {
  private:
   struct Stage {
     double waiting_work = 0;   ///< declared, not begun
+    std::size_t waiting = 0;   ///< tasks
     double measured_work = 0;  ///< computed, and its worker seconds
     double measured_s = 0;
     std::size_t measured = 0;  ///< tasks
@@ -53,6 +54,9 @@ class TimeModel {
     std::string stage;
     double work = 0, start_s = 0, fraction = 0;
   };
+  static void Unwait(Stage& stage, double work);
+  /// Until `stage` alone would have ended, its waiting tasks one after another on whichever worker becomes free.
+  static double WavesLeft_s(const Stage& stage, double factor, std::vector<double> busy_until_s, double threads);
   static double RunningLeft_s(const Running& task, double factor, double now_s);
   std::map<std::string, Stage> Measured(double now_s, const RunForecast& forecast) const;
 

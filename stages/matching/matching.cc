@@ -51,7 +51,13 @@ NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options&
   return table;
 }
 
-constexpr double kSecondsPerComparison = 1.5e-9;
+/// Of two descriptors by m2. Costs alone depend on the kernel, never a choice that a result follows from.
+double SecondsPerComparison() {
+  const Kernel& kernel = ProcessKernel();
+  if (kernel.sweep == nullptr) return 1e-8;
+  return kernel.encoding == Encoding::kBytes ? 0.3e-9 : 1.3e-9;
+}
+
 constexpr std::uint32_t kUnclaimed = 0xffffffffU;
 
 /// The features of one sign, in their order.
@@ -125,7 +131,7 @@ TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&
   // Of no matcher fewer features may take more: the greater of the two that `auto` chooses from.
   const std::size_t packed_bytes = PackedBytes(features_a) + PackedBytes(features_b);
   std::size_t table_bytes = packed_bytes + TwoNearestBytes(features_a, features_b);
-  double work = kSecondsPerComparison * a * b;
+  double work = SecondsPerComparison() * a * b;
   switch (MatcherFor(features_a, features_b, options)) {
     case Matcher::kM2:
       break;
