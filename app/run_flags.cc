@@ -38,7 +38,7 @@ constexpr std::uint64_t kProcessReserveBytes = 160 * kMebibyte;
 Limits ResolveLimits(const RunFlags& flags) {
   Limits limits;
   limits.memory_bytes = flags.memory.empty() ? AvailableMemoryBytes() / 4 * 3 : ParseBytes(flags.memory);
-  limits.threads = flags.threads > 0 ? flags.threads : AvailableThreads();
+  limits.threads = flags.serial ? 1 : flags.threads > 0 ? flags.threads : AvailableThreads();
   if (limits.memory_bytes <= kProcessReserveBytes + 32 * kMebibyte)
     throw Error(ErrorCode::kOutOfMemoryBudget, "--memory",
                 FormatBytes(limits.memory_bytes) + " is too small for the program itself",
@@ -76,9 +76,9 @@ class GuardedTrace : public engine::Observer {
  public:
   /// `file` is the user's, empty = none; `kept` is the workspace's, which holds that of the run before until there is
   /// something to say about this one.
-  GuardedTrace(const std::string& file, const std::filesystem::path& kept, engine::RunFacts facts,
+  GuardedTrace(const std::string& file, const std::filesystem::path& kept, bool quiet, engine::RunFacts facts,
                ProgramContext& context)
-      : context_(context), trace_(std::move(facts), &memory_) {
+      : context_(context), warned_(quiet && file.empty()), trace_(std::move(facts), &memory_) {
     if (!file.empty()) {
       trace_.Write(file);  // a path that cannot be written is known before the run
       paths_.emplace_back(file);
@@ -141,7 +141,7 @@ class GuardedTrace : public engine::Observer {
   ProgramContext& context_;
   std::mutex mutex_;
   std::vector<std::filesystem::path> paths_;
-  bool warned_ = false;
+  bool warned_;  ///< or not to be
   Clock::time_point next_write_ = Clock::now() + std::chrono::seconds(20);
   engine::MemoryCurve memory_;
   engine::Trace trace_;
@@ -214,8 +214,8 @@ engine::ExecutionReport PlanRunner::Run(engine::Plan& plan, const Accounts& acco
   engine::Progress progress(stderr, StyleOf(flags_), engine::Progress::SteadyClock(), accounts.forecast);
   StopAtFirstFailure failure(context_.stop);
   const std::chrono::duration<double> before = std::chrono::steady_clock::now() - context_.start;
-  GuardedTrace trace(flags_.trace, accounts.kept_trace,
-                     {.threads = flags_.serial ? 1 : limits_.threads,
+  GuardedTrace trace(flags_.trace, accounts.kept_trace, flags_.quiet,
+                     {.threads = limits_.threads,
                       .memory_bytes = limits_.budget_bytes,
                       .overhead_bytes = overhead_bytes(),
                       .before_s = before.count(),

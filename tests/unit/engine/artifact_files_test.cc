@@ -41,7 +41,8 @@ TEST_F(ArtifactFiles, AreToldApart) {
   Put("features/ab/notes.txt", "a");
   Put("Photos/ab/" + hex + ".art", "no stage has this name");
   Put("quarantine/features-" + hex + ".art", "bc");
-  const std::string old = "features/ab/x.art.tmp-00000000-7-1-00000000", young = "features/ab/x.art.tmp-00000000-7-2-00000000";
+  const std::string old = "features/ab/x.art.tmp-00000000-7-1-00000000",
+                    young = "features/ab/x.art.tmp-00000000-7-2-00000000";
   Put(old, "d");
   Put(young, "e");
   fs::last_write_time(root_ / old, fs::file_time_type::clock::now() - std::chrono::hours(30));
