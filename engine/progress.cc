@@ -123,7 +123,7 @@ void Progress::OnTaskFinished(TaskId id, const Task& task, const TaskOutcome& ou
   const bool computed = outcome.state == TaskState::kDone && !outcome.reused;
   double helped_s = 0;
   for (const HelperSpan& helper : span.helpers) helped_s += helper.end_s - helper.start_s;
-  model_.Finish(id, task.stage, WorkOf(task), computed, counts.last_end_s, helped_s);
+  model_.Finish(id, task.stage, WorkOf(task), computed, counts.last_end_s, helped_s, span.cpu_s);
   if (running_.erase(id) > 0 && computed) {
     ++counts.computed;
     counts.computed_work += WorkOf(task);

@@ -51,7 +51,8 @@ void TimeModel::SetFraction(TaskId id, double fraction) {
     found->second.fraction = std::clamp(fraction, 0.0, 1.0);
 }
 
-void TimeModel::Finish(TaskId id, const std::string& stage, double work, bool computed, double now_s, double helped_s) {
+void TimeModel::Finish(TaskId id, const std::string& stage, double work, bool computed, double now_s, double helped_s,
+                       double cpu_s) {
   const auto found = running_.find(id);
   if (found == running_.end()) {  // it never began
     Unwait(stages_[stage], work);
@@ -62,6 +63,10 @@ void TimeModel::Finish(TaskId id, const std::string& stage, double work, bool co
     s.measured_work += work;
     s.measured_s += now_s - found->second.start_s + helped_s;
     ++s.measured;
+    if (cpu_s > 0) {
+      worker_s_ += now_s - found->second.start_s + helped_s;
+      cpu_s_ += cpu_s;
+    }
   }
   running_.erase(found);
 }
@@ -141,22 +146,30 @@ TimeModel::Estimate TimeModel::At(double now_s, const RunForecast& forecast) con
     return (stage.measured_s + prior_work * common) / (stage.measured_work + prior_work);
   };
 
-  std::map<std::string, double> left_s;  // worker seconds
-  std::vector<double> running_left_s;
   double busy_s = 0;
-  for (const auto& [name, stage] : stages) left_s[name] += stage.waiting_work * factor(name);
-  for (const StageForecast& told : forecast.stages) left_s[told.stage] += told.more_work * factor(told.stage);
-  for (const auto& [id, task] : running_) {
-    const double task_left_s = RunningLeft_s(task, ScaleOf(forecast, task.stage) * factor(task.stage), now_s);
-    left_s[task.stage] += task_left_s;
-    if (!ComesLast(forecast, task.stage)) running_left_s.push_back(task_left_s);
-    busy_s += now_s - task.start_s;
-  }
   for (const auto& [name, stage] : stages_) busy_s += stage.measured_s;
+  for (const auto& [id, task] : running_) busy_s += now_s - task.start_s;
   const double threads = forecast.threads > 0 ? forecast.threads : std::max(1.0, busy_s / elapsed_s);
+  // Seconds of one thread that has the run's share of the machine to itself, for a second of one worker among others.
+  const double share = worker_s_ > 0 ? std::clamp(cpu_s_ / worker_s_, 0.01, 1.0) : 1;
+  const double alone = share / std::min(1.0, threads * share);
 
-  double shared_s = 0, last_s = 0;
-  for (const auto& [name, seconds_s] : left_s) (ComesLast(forecast, name) ? last_s : shared_s) += seconds_s;
+  double shared_s = 0, last_s = 0;  // worker seconds; wall seconds
+  const auto add = [&](const std::string& name, double worker_s) {
+    ComesLast(forecast, name) ? last_s += alone* worker_s : shared_s += worker_s;
+  };
+  for (const auto& [name, stage] : stages) add(name, stage.waiting_work * factor(name));
+  for (const StageForecast& told : forecast.stages) add(told.stage, told.more_work * factor(told.stage));
+  std::vector<double> running_left_s;
+  for (const auto& [id, task] : running_) {
+    const double a_unit_s = ScaleOf(forecast, task.stage) * factor(task.stage);
+    if (ComesLast(forecast, task.stage)) {
+      last_s += RunningLeft_s(task, alone * a_unit_s, now_s);
+      continue;
+    }
+    running_left_s.push_back(RunningLeft_s(task, a_unit_s, now_s));
+    shared_s += running_left_s.back();
+  }
   double shared_left_s = shared_s / threads;
   for (const double left : running_left_s) shared_left_s = std::max(shared_left_s, left);
   for (const auto& [name, stage] : stages)

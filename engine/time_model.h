@@ -26,6 +26,9 @@ struct RunForecast {
 /// Pure bookkeeping; times in seconds from any origin. A stage takes its declared work times a factor, its own as far
 /// as its tasks have been measured, else that of the stages that have been: the machine is as much slower or faster for
 /// all as for these.
+///
+/// A machine that others use, too, gives the run a share of its processors, and to one thread about as much as to
+/// several: the last stage, which has one, is not slowed down as the workers are who share that share.
 class TimeModel {
  public:
   void Add(const std::string& stage, double work);
@@ -33,8 +36,9 @@ class TimeModel {
   /// A task that says how far it is tells its speed before it ends.
   void SetFraction(TaskId id, double fraction);
   /// `computed`: it ran and did its work; else (reused, failed, skipped) nothing is learnt from it. `helped_s`: what
-  /// other workers did in its loops.
-  void Finish(TaskId id, const std::string& stage, double work, bool computed, double now_s, double helped_s = 0);
+  /// other workers did in its loops; `cpu_s`: processor time of all, 0 = not known.
+  void Finish(TaskId id, const std::string& stage, double work, bool computed, double now_s, double helped_s = 0,
+              double cpu_s = 0);
 
   struct Estimate {
     double fraction = 0;  ///< of the run's time
@@ -63,6 +67,7 @@ class TimeModel {
   std::map<std::string, Stage> stages_;
   std::map<TaskId, Running> running_;
   double first_start_s_ = -1;
+  double worker_s_ = 0, cpu_s_ = 0;  ///< of computed tasks whose processor time is known
 };
 
 }  // namespace rilievo::engine

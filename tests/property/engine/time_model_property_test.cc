@@ -140,7 +140,7 @@ Errors ErrorsOf(const Outcome& outcome) {
 TEST(TimeModelProperty, IsWithinAFifthOfTheTruthAfterATenthOfTheWork) {
   std::mt19937 random(11);
   const auto uniform = [&](double low, double high) { return std::uniform_real_distribution<>(low, high)(random); };
-  constexpr int kRounds = 1000;
+  constexpr int kRounds = 300;
   int beyond = 0;
   for (int round = 0; round < kRounds; ++round) {
     Block block;
@@ -161,7 +161,6 @@ TEST(TimeModelProperty, IsWithinAFifthOfTheTruthAfterATenthOfTheWork) {
         << block.pair_work << " x " << block.wrong_pairs << ", last " << block.last_work << " x " << block.wrong_last;
   }
   EXPECT_LE(beyond, kRounds * 3 / 100);
-  RecordProperty("beyond", beyond);
   std::printf("%d of %d runs beyond a fifth\n", beyond, kRounds);
 }
 
@@ -199,6 +198,21 @@ TEST(TimeModel, LearnsNothingFromWhatWasThereAlready) {
   model.Start(TaskId(8), "a", 1, 0);
   model.Finish(TaskId(8), "a", 1, true, 5);
   EXPECT_NEAR(model.At(5, {1, {}}).left_s, 5, 1e-9);
+}
+
+/// Two workers that get half a processor between them: one thread alone gets as much, and takes half as long as the
+/// same work would have taken a worker.
+TEST(TimeModel, AThreadAloneHasTheShareOfTheMachineToItself) {
+  for (const double share : {0.25, 0.5, 1.0}) {
+    TimeModel model;
+    for (std::uint32_t i = 0; i < 2; ++i) {
+      model.Add("a", 1);
+      model.Start(TaskId(i), "a", 1, 0);
+    }
+    for (std::uint32_t i = 0; i < 2; ++i) model.Finish(TaskId(i), "a", 1, true, 1 / share, 0, 1);
+    const double of_one = std::min(1.0, 2 * share);
+    EXPECT_NEAR(model.At(1 / share, {2, {{"last", 3, 1, true}}}).left_s, 3 / of_one, 1e-9) << share;
+  }
 }
 
 /// Loops in which other workers helped: their time counts, or the rest would seem to take half as long.
