@@ -76,7 +76,7 @@ Cleaning Clean(const scheduling::Workspace& workspace, bool dry_run) {
     throw Error(ErrorCode::kInvalidInput, workspace.dir().string(), "is being used by a run, or cleaned already",
                 "wait until it has ended; nothing was removed");
   const scheduling::RunRecord record = RequireRecord(workspace);
-  const auto needed = scheduling::KeysNeededBy(record, workspace.store());
+  const auto needed = scheduling::KeysNeededBy(record, engine::ArtifactStore::ForChecking(workspace.store().root()));
   const std::vector<StoredFile> files = engine::FilesOf(workspace.store());
   RefuseToDropAll(needed, files, workspace.dir());
   Cleaning cleaning;

@@ -47,7 +47,7 @@ void CountNeeded(const scheduling::Workspace& workspace, const std::vector<Store
   const auto record = workspace.ReadRecord();
   if (!record) return;
   findings.run_known = true;
-  const auto needed = scheduling::KeysNeededBy(*record, workspace.store());
+  const auto needed = scheduling::KeysNeededBy(*record, engine::ArtifactStore::ForChecking(workspace.store().root()));
   for (const auto& key : needed.keys) ++findings.stages[key.stage].needed;
   for (std::size_t i = 0; i < files.size(); ++i)
     if (files[i].key && reasons[i].empty() && needed.Holds(*files[i].key))

@@ -143,7 +143,12 @@ ArtifactStore::ArtifactStore(fs::path root) : root_(std::move(root)) {
 ArtifactStore ArtifactStore::ForReading(fs::path root) {
   ArtifactStore store;
   store.root_ = std::move(root);
-  store.is_only_read_ = true;
+  return store;
+}
+
+ArtifactStore ArtifactStore::ForChecking(fs::path root) {
+  ArtifactStore store = ForReading(std::move(root));
+  store.is_for_checking_ = true;
   return store;
 }
 
@@ -163,7 +168,7 @@ std::optional<std::vector<std::byte>> ArtifactStore::Read(const ArtifactKey& key
     std::vector<std::byte> payload(header->payload_bytes);
     if (file.ReadSome(payload) == payload.size() && Checksum(payload) == header->payload_checksum) return payload;
   }
-  if (!is_only_read_) Quarantine(root_, key, path);
+  if (!is_for_checking_) Quarantine(root_, key, path);
   return std::nullopt;
 }
 

@@ -60,11 +60,11 @@ TEST_F(ArtifactFiles, AreToldApart) {
   EXPECT_EQ(found.at(young).kind, Kind::kTemporary);
 }
 
-TEST_F(ArtifactFiles, AStoreThatIsOnlyReadMovesNothing) {
+TEST_F(ArtifactFiles, AStoreForCheckingMovesNothing) {
   const ArtifactKey key{"pairs", {}};
   store_.Publish(key, std::vector<std::byte>(10));
   fs::resize_file(store_.PathOf(key), 45);
-  const ArtifactStore reader = ArtifactStore::ForReading(root_);
+  const ArtifactStore reader = ArtifactStore::ForChecking(root_);
   EXPECT_FALSE(reader.Read(key));
   EXPECT_TRUE(fs::exists(store_.PathOf(key)));
   EXPECT_FALSE(store_.Read(key));
