@@ -2,6 +2,9 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
 #include <functional>
 #include <mutex>
 #include <string>
@@ -18,6 +21,7 @@ enum ExitCode { kExitDone = 0, kExitFailed = 1, kExitUsage = 2, kExitCancelled =
 
 /// What every command gets from main. Outlives every thread that looks at it.
 struct ProgramContext {
+  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
   engine::StopSource stop;
   int exit_code = kExitDone;               ///< set by the command that ran
   std::atomic<bool> json_messages{false};  ///< --progress json: warnings and errors are JSON lines; read by any thread
@@ -37,6 +41,9 @@ void AddReportCommand(CLI::App& app, ProgramContext& context);
 void AddExportCommand(CLI::App& app, ProgramContext& context);
 void AddSimulateCommand(CLI::App& app, ProgramContext& context);
 void AddFeaturesCommand(CLI::App& app, ProgramContext& context);
+void AddProfileCommand(CLI::App& app, ProgramContext& context);
+void AddVerifyCommand(CLI::App& app, ProgramContext& context);
+void AddCleanCommand(CLI::App& app, ProgramContext& context);
 
 /// Adds --options FILE: a TOML file that sets options of `command` by their long names. What the command line gives
 /// goes first; unknown names and wrong values are errors with the file's name. Read by ApplyOptionsFile.

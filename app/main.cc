@@ -108,6 +108,9 @@ int Main(int argc, char** argv) {
   AddInfoCommand(app, context);
   AddReportCommand(app, context);
   AddExportCommand(app, context);
+  AddProfileCommand(app, context);
+  AddVerifyCommand(app, context);
+  AddCleanCommand(app, context);
   AddFeaturesCommand(app, context);
   AddSimulateCommand(app, context);
   return FlushOutput(context, Dispatch(app, argc, argv, context));

@@ -16,9 +16,11 @@
 #include "base/units.h"
 #include "scheduling/former_pairs.h"
 #include "scheduling/orient_costs.h"
+#include "scheduling/orient_forecast.h"
 #include "scheduling/orient_plan.h"
 #include "scheduling/orientation_checkpoints.h"
 #include "scheduling/workspace.h"
+#include "scheduling/workspace_lock.h"
 #include "stages/reporting/orientation_report.h"
 
 namespace rilievo::app {
@@ -112,7 +114,10 @@ void PrintPairs(const scheduling::OrientRun& run, const engine::Plan& plan, cons
 std::optional<OrientationResult> Execute(const std::shared_ptr<scheduling::OrientRun>& run, const PlanRunner& runner,
                                          const scheduling::Workspace& workspace, bool quiet) {
   engine::Plan plan = scheduling::MakeOrientPlan(run);
-  const engine::ExecutionReport report = runner.Run(plan);
+  scheduling::OrientForecast forecast(*run, runner.limits().threads);
+  const engine::ExecutionReport report = runner.Run(plan, {.kept_trace = workspace.dir() / scheduling::kTraceName,
+                                                           .forecast = [&] { return forecast.Forecast(); },
+                                                           .forecast_observer = &forecast});
   if (!quiet) PrintPairs(*run, plan, report);
   if (!quiet && run->images_taken_over > 0)
     fmt::print("mapping went on from its last checkpoint, with {} of {} images\n", run->images_taken_over,
@@ -156,6 +161,14 @@ int RunOrient(const OrientFlags& flags, ProgramContext& context) {
   scheduling::OrientOptions options = OptionsOf(flags);
   PlanRunner runner(flags.run, context);
   const auto found = scheduling::Workspace::ForPlanning(flags.workspace);
+  // From before the first look at its artifacts: `clean` removes what run.json does not tell of.
+  std::optional<scheduling::WorkspaceLock> use;
+  const auto lock = [&] {
+    use.emplace(scheduling::WorkspaceLock::Share(found.dir(), [&] {
+      if (!flags.run.quiet) PrintWarning(context, found.dir().string() + " is being cleaned: waiting until it is done");
+    }));
+  };
+  if (std::filesystem::exists(found.dir())) lock();
   Inputs inputs = LoadUsableInputs(flags, runner, context);
   const scheduling::OrientRun planned = PlannedRun(flags, options, inputs, found, runner, context);
   std::optional<OrientationResult> result = scheduling::LoadOrientation(found.store(), planned.keys);
@@ -177,6 +190,7 @@ int RunOrient(const OrientFlags& flags, ProgramContext& context) {
                  found.dir().string());
   } else {
     const auto workspace = scheduling::Workspace::OpenOrCreate(flags.workspace);
+    if (!use) lock();
     workspace.RemoveReports();
     workspace.BeginRecord(record);
     const auto run = std::make_shared<scheduling::OrientRun>(planned, workspace.store());

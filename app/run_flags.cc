@@ -7,6 +7,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <fstream>
 #include <mutex>
@@ -41,7 +42,7 @@ constexpr std::uint64_t kProcessReserveBytes = 160 * kMebibyte;
 Limits ResolveLimits(const RunFlags& flags) {
   Limits limits;
   limits.memory_bytes = flags.memory.empty() ? AvailableMemoryBytes() / 4 * 3 : ParseBytes(flags.memory);
-  limits.threads = flags.threads > 0 ? flags.threads : AvailableThreads();
+  limits.threads = flags.serial ? 1 : flags.threads > 0 ? flags.threads : AvailableThreads();
   if (limits.memory_bytes <= kProcessReserveBytes + 32 * kMebibyte)
     throw Error(ErrorCode::kOutOfMemoryBudget, "--memory",
                 FormatBytes(limits.memory_bytes) + " is too small for the program itself",
@@ -73,27 +74,38 @@ class StopAtFirstFailure : public engine::Observer {
   engine::StopSource& stop_;
 };
 
-/// The trace, written at the end, and by the signal thread when the program leaves before that.
+/// The trace of a run: written at its end, every now and then before (a killed run has most of its trace), and by the
+/// signal thread when the program leaves early.
 class GuardedTrace : public engine::Observer {
  public:
-  GuardedTrace(std::string path, ProgramContext& context) : path_(std::move(path)), context_(context) {
-    if (path_.empty()) return;
-    trace_.Write(path_);  // a path that cannot be written is known before the run
+  /// `file` is the user's, empty = none; `kept` is the workspace's, which holds that of the run before until there is
+  /// something to say about this one.
+  GuardedTrace(const std::string& file, const std::filesystem::path& kept, bool quiet, engine::RunFacts facts,
+               ProgramContext& context)
+      : context_(context), warned_(quiet && file.empty()), trace_(std::move(facts), &memory_) {
+    if (!file.empty()) {
+      trace_.Write(file);  // a path that cannot be written is known before the run
+      paths_.emplace_back(file);
+    }
+    if (!kept.empty()) paths_.push_back(kept);
     const std::lock_guard lock(context_.before_exit_mutex);
-    context_.before_exit = [this] { Write(); };
+    context_.before_exit = [this] {
+      const std::lock_guard guard(mutex_);
+      Write();
+    };
   }
   ~GuardedTrace() override { Finish(); }
   GuardedTrace(const GuardedTrace&) = delete;
   GuardedTrace& operator=(const GuardedTrace&) = delete;
 
   void Finish() {
-    if (path_.empty()) return;
     {
       const std::lock_guard lock(context_.before_exit_mutex);
       context_.before_exit = nullptr;
     }
+    const std::lock_guard lock(mutex_);
     Write();
-    path_.clear();
+    paths_.clear();
   }
   void OnTaskAdded(TaskId id, const engine::Task& task) override {
     const std::lock_guard lock(mutex_);
@@ -107,22 +119,35 @@ class GuardedTrace : public engine::Observer {
                       const engine::TaskSpan& span) override {
     const std::lock_guard lock(mutex_);
     trace_.OnTaskFinished(id, task, outcome, span);
+    if (Clock::now() >= next_write_) Write();
   }
 
  private:
+  using Clock = std::chrono::steady_clock;
+
   /// A trace that cannot be written takes nothing from the result: a warning.
   void Write() {
-    const std::lock_guard lock(mutex_);
-    try {
-      trace_.Write(path_);
-    } catch (const Error& error) {
-      PrintWarning(context_, std::string("the trace is lost: ") + error.what());
+    constexpr auto kInterval = std::chrono::seconds(20);
+    constexpr int kWritingShare = 200;  // writing takes half a percent of the time at most
+    const auto start = Clock::now();
+    for (const auto& path : paths_) {
+      try {
+        trace_.Write(path);
+      } catch (const Error& error) {
+        if (!warned_) PrintWarning(context_, std::string("the trace is lost: ") + error.what());
+        warned_ = true;
+      }
     }
+    const auto end = Clock::now();
+    next_write_ = end + std::max<Clock::duration>(kInterval, kWritingShare * (end - start));
   }
 
-  std::string path_;
   ProgramContext& context_;
   std::mutex mutex_;
+  std::vector<std::filesystem::path> paths_;
+  bool warned_;  ///< or not to be
+  Clock::time_point next_write_ = Clock::now() + std::chrono::seconds(20);
+  engine::MemoryCurve memory_;
   engine::Trace trace_;
 };
 
@@ -189,13 +214,20 @@ engine::ExecutionReport PlanRunner::RunQuietly(engine::Plan& plan) const {
   return report;
 }
 
-engine::ExecutionReport PlanRunner::Run(engine::Plan& plan) const {
-  engine::Progress progress(stderr, StyleOf(flags_));
+engine::ExecutionReport PlanRunner::Run(engine::Plan& plan, const Accounts& accounts) const {
+  engine::Progress progress(stderr, StyleOf(flags_), engine::Progress::SteadyClock(), accounts.forecast);
   StopAtFirstFailure failure(context_.stop);
-  GuardedTrace trace(flags_.trace, context_);
-  std::vector<engine::Observer*> observers{&progress, &failure};
-  if (!flags_.trace.empty()) observers.push_back(&trace);
-  engine::ExecutionReport report = Execute(plan, observers);
+  const std::chrono::duration<double> before = std::chrono::steady_clock::now() - context_.start;
+  GuardedTrace trace(flags_.trace, accounts.kept_trace, flags_.quiet,
+                     {.threads = limits_.threads,
+                      .memory_bytes = limits_.budget_bytes,
+                      .overhead_bytes = overhead_bytes(),
+                      .before_s = before.count(),
+                      .processor = engine::ProcessorName()},
+                     context_);
+  std::vector<engine::Observer*> observers{&progress, &failure, &trace};
+  if (accounts.forecast_observer != nullptr) observers.insert(observers.begin(), accounts.forecast_observer);
+  engine::ExecutionReport report = Execute(plan, std::move(observers));
   progress.Finish();
   trace.Finish();
   if (failure.error) throw Error(ErrorCode::kIo, "", *failure.error);

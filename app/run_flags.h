@@ -1,6 +1,7 @@
 // The flags of commands that run a plan: memory, threads, progress, trace; and running it.
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
@@ -32,6 +33,13 @@ struct Limits {
   int threads = 1;
 };
 
+/// What a run is told beside its plan.
+struct Accounts {
+  std::filesystem::path kept_trace = {};          ///< where its trace is kept, empty = nowhere
+  engine::ForecastSource forecast = {};           ///< of work to come, for the time left
+  engine::Observer* forecast_observer = nullptr;  ///< what the forecast learns from
+};
+
 /// Runs plans one after the other under the same limits.
 class PlanRunner {
  public:
@@ -42,10 +50,11 @@ class PlanRunner {
   void HoldResident(std::uint64_t bytes, const std::string& what);
   /// Without progress and trace: short preparations. Throws Cancelled, Error(kOutOfMemoryBudget).
   engine::ExecutionReport RunQuietly(engine::Plan& plan) const;
-  /// With progress, and the trace written at the end, also of a cancelled run. The first task that fails stops the run:
-  /// what fails here is the world (disk, memory), not an image. Throws Cancelled when the user stopped it, the failed
-  /// task's Error, Error(kOutOfMemoryBudget) when a task can never fit.
-  engine::ExecutionReport Run(engine::Plan& plan) const;
+  /// With progress, and the trace written to --trace and to the workspace at the end, also of a
+  /// cancelled run, and on the way. The first task that fails stops the run: what fails here is the world (disk,
+  /// memory), not an image. Throws Cancelled when the user stopped it, the failed task's Error,
+  /// Error(kOutOfMemoryBudget) when a task can never fit.
+  engine::ExecutionReport Run(engine::Plan& plan, const Accounts& accounts = {}) const;
   const Limits& limits() const { return limits_; }
   /// What the process holds beside the tasks.
   std::uint64_t overhead_bytes() const { return limits_.memory_bytes - limits_.budget_bytes; }

@@ -27,9 +27,12 @@ class ArtifactStore {
   explicit ArtifactStore(std::filesystem::path root);
   /// A store that is only read: creates nothing, and `root` need not exist (then nothing is found).
   static ArtifactStore ForReading(std::filesystem::path root);
+  /// The same, and what is damaged stays where it is.
+  static ArtifactStore ForChecking(std::filesystem::path root);
 
-  /// The payload, or none when absent or damaged (a damaged file is quarantined first). Throws Error(kVersion) for an
-  /// intact file of another format version and Error(kIo) when the disk cannot be read.
+  /// The payload, or none when absent or damaged (a damaged file is quarantined first, unless the store is for
+  /// checking). Throws Error(kVersion) for an intact file of another format version and Error(kIo) when the disk cannot
+  /// be read.
   std::optional<std::vector<std::byte>> Read(const ArtifactKey& key) const;
   /// True when the artifact is there and its header and checksum hold; memory O(1 MiB).
   bool Verify(const ArtifactKey& key) const;
@@ -54,6 +57,7 @@ class ArtifactStore {
  private:
   ArtifactStore() = default;
   std::filesystem::path root_;
+  bool is_for_checking_ = false;
 };
 
 /// The same removal in one folder, not below it. Returns how many.

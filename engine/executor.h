@@ -31,12 +31,27 @@ struct TaskOutcome {
   std::string error;                                ///< one line, for kFailed
 };
 
+/// What a task spent in a kernel: see RunContext::RunKernel.
+struct KernelUse {
+  KernelName kernel;
+  double multiply_adds = 0, cpu_s = 0;
+};
+
+/// Another worker inside a parallel loop of the task.
+struct HelperSpan {
+  int worker = 0;
+  double start_s = 0, end_s = 0;
+};
+
 struct TaskSpan {
   TaskId task;
   int worker = 0;
   double start_s = 0, end_s = 0;  ///< since the run began
+  double cpu_s = 0;               ///< processor time, of helpers too
   std::uint64_t read_bytes = 0, written_bytes = 0;
   bool reused = false;
+  std::vector<KernelUse> kernels = {};
+  std::vector<HelperSpan> helpers = {};  ///< by end
 };
 
 /// Told of events from the executor, never concurrently.

@@ -44,8 +44,8 @@ using WorkerNode = flow::function_node<TaskId, Event>;
 
 class FlowTaskRun : public TaskRun {
  public:
-  FlowTaskRun(const ExecutionOptions& options, TaskId id, Slot& slot, SchedulerNode& scheduler)
-      : TaskRun(options), observed_(!options.observers.empty()), id_(id), slot_(slot), scheduler_(scheduler) {}
+  FlowTaskRun(const ExecutionOptions& options, const RunClock& clock, TaskId id, Slot& slot, SchedulerNode& scheduler)
+      : TaskRun(options, clock), observed_(!options.observers.empty()), id_(id), slot_(slot), scheduler_(scheduler) {}
 
   /// Isolated: a thread that waits here takes parts of this loop only, never another task, whose memory would then be
   /// held twice by one thread and whose time would count as this task's.
@@ -58,9 +58,12 @@ class FlowTaskRun : public TaskRun {
       std::atomic<int>& loops;
       ~Leave() { loops.fetch_sub(1, std::memory_order_relaxed); }
     } leave{loops_};
+    const KernelName* const kernel = CurrentKernel();
     oneapi::tbb::this_task_arena::isolate([&] {
       oneapi::tbb::parallel_for(oneapi::tbb::blocked_range<std::size_t>(0, ranges), [&](const auto& part) {
-        for (std::size_t i = part.begin(); i != part.end(); ++i) fn(i * grain, std::min(n, (i + 1) * grain));
+        RunPart(kernel, oneapi::tbb::this_task_arena::current_thread_index(), [&] {
+          for (std::size_t i = part.begin(); i != part.end(); ++i) fn(i * grain, std::min(n, (i + 1) * grain));
+        });
       });
     });
   }
@@ -132,11 +135,9 @@ class FlowRun {
       return {id, Event::Kind::kFinished};
     }
     if (!options_.observers.empty()) scheduler_.try_put({id, Event::Kind::kStarted});
-    FlowTaskRun run(options_, id, slot, scheduler_);
+    FlowTaskRun run(options_, clock_, id, slot, scheduler_);
     TaskOutcome outcome = run.Execute(*slot.task);
-    slot.span.end_s = clock_.Now_s();
-    slot.span.read_bytes = run.read_bytes();
-    slot.span.written_bytes = run.written_bytes();
+    run.CompleteSpan(slot.span);
     slot.span.reused = outcome.reused;
     slot.grows = run.TakeGrows();
     slot.outcome = std::move(outcome);

@@ -28,12 +28,19 @@ class TaskContext : public RunContext {
   virtual void Grow(std::function<void(Plan&)> grow) = 0;
 };
 
+/// What a task works through, for rates: 12 "Mpx", 4 "pairs". All tasks of a stage have one unit.
+struct TaskUnits {
+  double amount = 0;
+  const char* name = "";
+};
+
 struct Task {
   std::string name;           ///< unique in the plan
   std::string stage;          ///< progress and trace group by it
   std::vector<TaskId> needs;  ///< must exist already: a plan has no cycles by construction
   TaskCost cost;
   std::uint64_t retained_bytes = 0;  ///< memory its result keeps until the tasks that need it are done
+  TaskUnits units = {};
   std::string memory_hint;  ///< what to change when cost.peak_bytes can never fit, e.g. "raise --memory to 3.1 GiB"
   std::function<void(TaskContext&)> run;
 };

@@ -70,8 +70,8 @@ Progress::Clock Progress::SteadyClock() {
   };
 }
 
-Progress::Progress(std::FILE* out, ProgressStyle style, Clock now_s)
-    : out_(out), style_(style), now_s_(std::move(now_s)) {
+Progress::Progress(std::FILE* out, ProgressStyle style, Clock now_s, ForecastSource forecast)
+    : out_(out), style_(style), now_s_(std::move(now_s)), forecast_(std::move(forecast)) {
   if (style_ == ProgressStyle::kAuto)
     style_ = ::isatty(::fileno(out)) ? ProgressStyle::kTerminal : ProgressStyle::kPlain;
 }
@@ -86,11 +86,16 @@ void Progress::OnTaskAdded(TaskId, const Task& task) {
   ProgressCounts& counts = StageOf(task).counts;
   ++counts.total;
   counts.total_work += WorkOf(task);
+  model_.Add(task.stage, WorkOf(task));
 }
 
 void Progress::OnTaskStarted(TaskId id, const Task& task, int) {
   ProgressCounts& counts = StageOf(task).counts;
-  if (counts.first_start_s < 0) counts.first_start_s = now_s_();
+  const double now_s = now_s_();
+  if (counts.first_start_s < 0) counts.first_start_s = now_s;
+  if (!has_started_) first_start_s_ = now_s;
+  has_started_ = true;
+  model_.Start(id, task.stage, WorkOf(task), now_s);
   running_[id] = {stage_index_.at(task.stage), WorkOf(task), 0};
   Show(false);
 }
@@ -99,10 +104,11 @@ void Progress::OnTaskProgress(TaskId id, const Task&, double fraction) {
   const auto it = running_.find(id);
   if (it == running_.end()) return;
   it->second.fraction = std::clamp(fraction, 0.0, 1.0);
+  model_.SetFraction(id, fraction);
   Show(false);
 }
 
-void Progress::OnTaskFinished(TaskId id, const Task& task, const TaskOutcome& outcome, const TaskSpan&) {
+void Progress::OnTaskFinished(TaskId id, const Task& task, const TaskOutcome& outcome, const TaskSpan& span) {
   Stage& stage = StageOf(task);
   ProgressCounts& counts = stage.counts;
   ++counts.done;
@@ -114,7 +120,11 @@ void Progress::OnTaskFinished(TaskId id, const Task& task, const TaskOutcome& ou
   counts.read_bytes += outcome.read_bytes;
   counts.written_bytes += outcome.written_bytes;
   counts.last_end_s = now_s_();
-  if (running_.erase(id) > 0 && outcome.state == TaskState::kDone && !outcome.reused) {
+  const bool computed = outcome.state == TaskState::kDone && !outcome.reused;
+  double helped_s = 0;
+  for (const HelperSpan& helper : span.helpers) helped_s += helper.end_s - helper.start_s;
+  model_.Finish(id, task.stage, WorkOf(task), computed, counts.last_end_s, helped_s, span.cpu_s);
+  if (running_.erase(id) > 0 && computed) {
     ++counts.computed;
     counts.computed_work += WorkOf(task);
   }
@@ -173,6 +183,26 @@ Progress::Estimate Progress::EstimateOf(const ProgressCounts& counts, double run
   return estimate;
 }
 
+Progress::Estimate Progress::WholeRun(double now_s) const {
+  const ProgressCounts sum = Sum();
+  const RunForecast forecast = forecast_ ? forecast_() : RunForecast{};
+  const bool more_to_come = std::any_of(forecast.stages.begin(), forecast.stages.end(),
+                                        [](const StageForecast& stage) { return stage.more_work > 0; });
+  Estimate estimate = EstimateOf(sum, RunningWork(nullptr), now_s);
+  if (sum.done == sum.total && !more_to_come) return estimate;
+  const TimeModel::Estimate whole = model_.At(now_s, forecast);
+  estimate.fraction = whole.fraction;
+  estimate.eta_s = whole.left_s;
+  return estimate;
+}
+
+std::string Progress::TotalLine(double now_s) const {
+  const Estimate whole = WholeRun(now_s);
+  std::string line = Format("total %.0f %%", std::floor(100 * whole.fraction + 1e-6));
+  if (whole.fraction < 1) line += "  ETA " + (whole.eta_s < 0 ? std::string("-") : FormatDuration(whole.eta_s));
+  return line;
+}
+
 std::string Progress::Line(const std::string& name, const ProgressCounts& counts, double running_work,
                            double now_s) const {
   const Estimate estimate = EstimateOf(counts, running_work, now_s);
@@ -224,14 +254,15 @@ void Progress::ShowTerminal(double now_s) {
     text += "\r" + line + "\x1b[K\n";
   };
   for (const Stage& stage : stages_) add(Line(stage.name, stage.counts, RunningWork(&stage), now_s));
-  add(Line("total", Sum(), RunningWork(nullptr), now_s));
+  const ProgressCounts sum = Sum();
+  add("total         " + std::to_string(sum.done) + "/" + std::to_string(sum.total) + TotalLine(now_s).substr(5));
   lines_on_terminal_ = stages_.size() + 1;
   std::fputs(text.c_str(), out_);
   std::fflush(out_);
 }
 
 void Progress::ShowPlain(double now_s, bool at_end) {
-  const Estimate all = EstimateOf(Sum(), RunningWork(nullptr), now_s);
+  const std::string total = TotalLine(now_s);
   for (Stage& stage : stages_) {
     const bool is_last = stage.counts.done == stage.counts.total;
     if (stage.counts.first_start_s < 0 && !at_end) continue;
@@ -240,21 +271,24 @@ void Progress::ShowPlain(double now_s, bool at_end) {
     stage.last_printed_s = now_s;
     stage.last_printed_done = stage.counts.done;
     const std::string line = Line(stage.name, stage.counts, RunningWork(&stage), now_s);
-    std::fprintf(out_, "%s  total %.0f %%\n", line.c_str(), std::floor(100 * all.fraction));
+    std::fprintf(out_, "%s  %s\n", line.c_str(), total.c_str());
   }
   std::fflush(out_);
 }
 
 void Progress::PrintJson(const char* event, const std::string& stage, const ProgressCounts& counts, double running_work,
                          const std::string& more) {
-  const Estimate estimate = EstimateOf(counts, running_work, now_s_());
+  const double now_s = now_s_();
+  const Estimate estimate = EstimateOf(counts, running_work, now_s), whole = WholeRun(now_s);
   std::string line = std::string("{\"event\":\"") + event + "\",\"stage\":" + Quoted(stage) +
                      ",\"done\":" + std::to_string(counts.done) + ",\"total\":" + std::to_string(counts.total) +
                      ",\"reused\":" + std::to_string(counts.reused) + ",\"failed\":" + std::to_string(counts.failed) +
                      Format(",\"rate_per_s\":%.6g", estimate.rate_per_s);
   line += estimate.eta_s < 0 ? ",\"eta_s\":null" : Format(",\"eta_s\":%.6g", estimate.eta_s);
   line += Format(",\"fraction\":%.6g", estimate.fraction) + ",\"read_bytes\":" + std::to_string(counts.read_bytes) +
-          ",\"written_bytes\":" + std::to_string(counts.written_bytes) + more + "}\n";
+          ",\"written_bytes\":" + std::to_string(counts.written_bytes) +
+          Format(",\"elapsed_s\":%.6g", now_s - first_start_s_) + Format(",\"total_fraction\":%.6g", whole.fraction);
+  line += (whole.eta_s < 0 ? ",\"total_eta_s\":null" : Format(",\"total_eta_s\":%.6g", whole.eta_s)) + more + "}\n";
   std::fputs(line.c_str(), out_);
   std::fflush(out_);
 }

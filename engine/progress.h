@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "engine/executor.h"
+#include "engine/time_model.h"
 
 namespace rilievo::engine {
 
@@ -25,16 +26,20 @@ struct ProgressCounts {
   double first_start_s = -1, last_end_s = 0;
 };
 
+/// What is known of a run beyond its plan; asked at each estimate, between events of the executor.
+using ForecastSource = std::function<RunForecast()>;
+
 /// kTerminal: one line a stage, rewritten in place, and the total; kPlain: a line for each stage that changed, at most
 /// every two seconds; kJson: one object a line, {"event": "task" | "stage" | "end", "stage", "done", "total", "reused",
-/// "failed", "rate_per_s", "eta_s", "fraction", "read_bytes", "written_bytes"}, with "task", "state" and "error" in
-/// "task" events; kQuiet: nothing; kAuto: kTerminal or kPlain by what `out` is. The time left is the declared work left
-/// at the speed measured so far; null or "-" until known.
+/// "failed", "rate_per_s", "eta_s", "fraction", "read_bytes", "written_bytes", "elapsed_s", "total_fraction",
+/// "total_eta_s"}, with "task", "state" and "error" in "task" events; kQuiet: nothing; kAuto: kTerminal or kPlain by
+/// what `out` is. The time left of a stage is its declared work left at the speed measured so far; that of the run is
+/// TimeModel's; null or "-" until known.
 class Progress : public Observer {
  public:
   using Clock = std::function<double()>;  ///< seconds, from any origin
 
-  Progress(std::FILE* out, ProgressStyle style, Clock now_s = SteadyClock());
+  Progress(std::FILE* out, ProgressStyle style, Clock now_s = SteadyClock(), ForecastSource forecast = {});
   ~Progress() override { Finish(); }
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
@@ -69,6 +74,9 @@ class Progress : public Observer {
   ProgressCounts Sum() const;
   Estimate EstimateOf(const ProgressCounts& counts, double running_work, double now_s) const;
   double RunningWork(const Stage* stage) const;
+  /// Of the whole run: fraction and time left.
+  Estimate WholeRun(double now_s) const;
+  std::string TotalLine(double now_s) const;
   std::string Line(const std::string& name, const ProgressCounts& counts, double running_work, double now_s) const;
   void Show(bool at_end);
   void ShowTerminal(double now_s);
@@ -79,9 +87,13 @@ class Progress : public Observer {
   std::FILE* out_;
   ProgressStyle style_;
   Clock now_s_;
+  ForecastSource forecast_;
+  TimeModel model_;
   std::vector<Stage> stages_;  ///< in order of appearance
   std::map<std::string, std::size_t> stage_index_;
   std::map<TaskId, Running> running_;
+  double first_start_s_ = 0;  ///< of any task
+  bool has_started_ = false;
   double last_shown_s_ = -1e9;
   std::size_t lines_on_terminal_ = 0;
   bool finished_ = false;

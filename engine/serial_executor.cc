@@ -10,8 +10,8 @@ namespace {
 
 class SerialTaskRun : public TaskRun {
  public:
-  SerialTaskRun(const ExecutionOptions& options, TaskId id, const Task& task)
-      : TaskRun(options), observers_(options.observers), id_(id), task_(task) {}
+  SerialTaskRun(const ExecutionOptions& options, const RunClock& clock, TaskId id, const Task& task)
+      : TaskRun(options, clock), observers_(options.observers), id_(id), task_(task) {}
   void ParallelFor(std::size_t n, std::size_t grain, const std::function<void(std::size_t, std::size_t)>& fn) override {
     RILIEVO_CHECK(grain > 0);
     for (std::size_t begin = 0; begin < n; begin += grain) fn(begin, n - begin > grain ? begin + grain : n);
@@ -52,11 +52,9 @@ class SerialRun {
 
   TaskOutcome Run(TaskId id, const Task& task, TaskSpan& span) {
     for (Observer* observer : options_.observers) observer->OnTaskStarted(id, task, 0);
-    SerialTaskRun run(options_, id, task);
+    SerialTaskRun run(options_, clock_, id, task);
     TaskOutcome outcome = run.Execute(task);
-    span.end_s = clock_.Now_s();
-    span.read_bytes = run.read_bytes();
-    span.written_bytes = run.written_bytes();
+    run.CompleteSpan(span);
     if (outcome.state == TaskState::kDone) {
       const std::size_t old_size = GrowPlan(plan_, id, run.TakeGrows(), outcome);
       budget_.Register(plan_);

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <chrono>
 #include <functional>
+#include <mutex>
 #include <vector>
 
 #include "engine/executor.h"
@@ -23,27 +24,44 @@ class RunClock {
 /// may be called from the inside of a ParallelFor.
 class TaskRun : public TaskContext {
  public:
-  explicit TaskRun(const ExecutionOptions& options) : options_(options) {}
+  TaskRun(const ExecutionOptions& options, const RunClock& clock) : options_(options), clock_(clock) {}
 
   /// Calls the task's body and turns what it throws into an outcome: Cancelled -> kCancelled, anything else -> kFailed
   /// with one line. Never throws.
   TaskOutcome Execute(const Task& task) noexcept;
+  /// Ends the span: end, processor time, bytes, kernels, helpers. After Execute, once.
+  void CompleteSpan(TaskSpan& span);
 
   bool StopRequested() const override { return options_.stop != nullptr && options_.stop->StopRequested(); }
   std::uint64_t Seed() const override { return options_.seed; }
   void CountBytes(std::uint64_t read_bytes, std::uint64_t written_bytes) override;
   void MarkReused() override { reused_.store(true, std::memory_order_relaxed); }
   void Grow(std::function<void(Plan&)> grow) override { grows_.push_back(std::move(grow)); }
+  void RunKernel(const KernelName& kernel, double multiply_adds, const std::function<void()>& body) override;
 
-  std::uint64_t read_bytes() const { return read_bytes_.load(std::memory_order_relaxed); }
-  std::uint64_t written_bytes() const { return written_bytes_.load(std::memory_order_relaxed); }
   std::vector<std::function<void(Plan&)>> TakeGrows() { return std::move(grows_); }
 
+ protected:
+  /// What the calling thread does for this task: kernels that it is in pass on to helpers of a parallel loop.
+  static const KernelName* CurrentKernel();
+  /// Runs a part of a parallel loop. On a thread that is not in this task yet, its processor time is added to the task
+  /// and to the kernel that the loop was started in, and its span to the helpers.
+  void RunPart(const KernelName* kernel, int worker, const std::function<void()>& part);
+
  private:
+  void AddKernel(const KernelName& kernel, double multiply_adds, double cpu_s);
+  void AddHelper(int worker, double start_s, double end_s);
+
   const ExecutionOptions& options_;
+  const RunClock& clock_;
   std::atomic<std::uint64_t> read_bytes_{0}, written_bytes_{0};
   std::atomic<bool> reused_{false};
   std::vector<std::function<void(Plan&)>> grows_;
+
+  std::mutex counts_mutex_;  ///< guards what follows
+  double cpu_s_ = 0;
+  std::vector<KernelUse> kernels_;
+  std::vector<HelperSpan> helpers_;
 };
 
 /// Runs what the task asked for by Grow. When a growth throws, the task has failed with that line, and the tasks added

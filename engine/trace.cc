@@ -3,10 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <span>
 
+#include "base/cpu.h"
 #include "engine/artifact_store.h"
 
 namespace rilievo::engine {
@@ -40,7 +42,47 @@ const char* StateName(TaskState state) {
   }
 }
 
+/// Nine digits: enough for any count here, and the same text for the same number.
+std::string Number(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.9g", value);
+  return text;
+}
+
+std::string NeedsJson(const std::vector<TaskId>& needs) {
+  std::string text = "[";
+  for (const TaskId need : needs) text += (text.size() > 1 ? "," : "") + std::to_string(need.value);
+  return text + "]";
+}
+
+std::string KernelsJson(const std::vector<KernelUse>& kernels) {
+  std::string text = "{";
+  for (const KernelUse& use : kernels) {
+    text += (text.size() > 1 ? "," : "") + Quoted(std::string(use.kernel.name)) + ":{\"arithmetic\":\"" +
+            (use.kernel.arithmetic == KernelName::Arithmetic::kBytes ? "bytes" : "floats") +
+            "\",\"multiply_adds\":" + Number(use.multiply_adds) + ",\"cpu_s\":" + Number(use.cpu_s) + "}";
+  }
+  return text + "}";
+}
+
+std::string CounterEvent(const char* name, double time_s, std::uint64_t bytes) {
+  return std::string("{\"ph\":\"C\",\"name\":\"") + name + "\",\"pid\":1,\"tid\":0,\"ts\":" + Microseconds(time_s) +
+         ",\"args\":{\"bytes\":" + std::to_string(bytes) + "}}";
+}
+
 }  // namespace
+
+std::string ProcessorName() {
+  std::ifstream info("/proc/cpuinfo");
+  std::string name = "unknown processor";
+  for (std::string line; std::getline(info, line);) {
+    const auto colon = line.find(": ");
+    if (!line.starts_with("model name") || colon == std::string::npos) continue;
+    name = line.substr(colon + 2);
+    break;
+  }
+  return name + ", " + std::string(ProcessorLevel());
+}
 
 void Trace::OnTaskAdded(TaskId id, const Task& task) {
   entries_.resize(std::max<std::size_t>(entries_.size(), id.value + std::size_t{1}));
@@ -52,6 +94,7 @@ void Trace::OnTaskAdded(TaskId id, const Task& task) {
   entry.needs = task.needs;
   entry.peak_bytes = task.cost.peak_bytes;
   entry.retained_bytes = task.retained_bytes;
+  entry.units = task.units;
 }
 
 void Trace::OnTaskStarted(TaskId id, const Task&, int) { entries_[id.value].started = true; }
@@ -112,22 +155,52 @@ std::string Trace::SpanJson(const Entry& entry) const {
           ",\"written_bytes\":" + std::to_string(span.written_bytes) +
           ",\"peak_bytes\":" + std::to_string(entry.peak_bytes) +
           ",\"retained_bytes\":" + std::to_string(entry.retained_bytes);
+  text += ",\"cpu_s\":" + Number(span.cpu_s);
+  if (entry.units.amount > 0)
+    text += ",\"units\":" + Number(entry.units.amount) + ",\"unit\":" + Quoted(entry.units.name);
+  if (!entry.needs.empty()) text += ",\"needs\":" + NeedsJson(entry.needs);
+  if (!span.kernels.empty()) text += ",\"kernels\":" + KernelsJson(span.kernels);
   if (!entry.error.empty()) text += ",\"error\":" + Quoted(entry.error);
   return text + "}}";
 }
 
+std::string Trace::HelpersJson(const Entry& entry) const {
+  std::string text;
+  for (const HelperSpan& helper : entry.span.helpers) {
+    if (helper.worker == entry.span.worker) continue;
+    text += ",\n{\"ph\":\"X\",\"name\":" + Quoted("loop of " + entry.name) +
+            ",\"cat\":\"loop\",\"pid\":1,\"tid\":" + std::to_string(helper.worker) +
+            ",\"ts\":" + Microseconds(helper.start_s) +
+            ",\"dur\":" + Microseconds(std::max(0.0, helper.end_s - helper.start_s)) +
+            ",\"args\":{\"helps\":" + std::to_string(entry.span.task.value) + "}}";
+  }
+  return text;
+}
+
+std::string Trace::FactsJson() const {
+  return "{\"format\":\"rilievo-trace\",\"version\":1,\"threads\":" + std::to_string(facts_.threads) +
+         ",\"memory_bytes\":" + std::to_string(facts_.memory_bytes) +
+         ",\"overhead_bytes\":" + std::to_string(facts_.overhead_bytes) + ",\"before_s\":" + Number(facts_.before_s) +
+         ",\"processor\":" + Quoted(facts_.processor) +
+         ",\"process_peak_bytes\":" + std::to_string(memory_ == nullptr ? 0 : PeakResidentBytes()) + "}";
+}
+
 std::string Trace::Json() const {
-  std::string text = "{\"displayTimeUnit\":\"ms\",\"traceEvents\":[\n" + NameEvent("process_name", 0, "rilievo");
+  std::string text = "{\"displayTimeUnit\":\"ms\",\"otherData\":" + FactsJson() + ",\"traceEvents\":[\n" +
+                     NameEvent("process_name", 0, "rilievo");
   std::set<int> workers;
-  for (const Entry& entry : entries_)
-    if (entry.started && entry.ended) workers.insert(entry.span.worker);
+  for (const Entry& entry : entries_) {
+    if (!entry.started || !entry.ended) continue;
+    workers.insert(entry.span.worker);
+    for (const HelperSpan& helper : entry.span.helpers) workers.insert(helper.worker);
+  }
   for (const int worker : workers) text += ",\n" + NameEvent("thread_name", worker, "worker " + std::to_string(worker));
   for (const Entry& entry : entries_)
-    if (entry.started && entry.ended) text += ",\n" + SpanJson(entry);
-  for (const LiveBytes& live : LiveBytesOverTime()) {
-    text += ",\n{\"ph\":\"C\",\"name\":\"live bytes\",\"pid\":1,\"tid\":0,\"ts\":" + Microseconds(live.time_s) +
-            ",\"args\":{\"bytes\":" + std::to_string(live.bytes) + "}}";
-  }
+    if (entry.started && entry.ended) text += ",\n" + SpanJson(entry) + HelpersJson(entry);
+  for (const LiveBytes& live : LiveBytesOverTime()) text += ",\n" + CounterEvent("live bytes", live.time_s, live.bytes);
+  if (memory_ != nullptr)
+    for (const MemorySample& sample : memory_->Samples())
+      text += ",\n" + CounterEvent("resident bytes", sample.time_s, sample.bytes);
   return text + "\n]}\n";
 }
 

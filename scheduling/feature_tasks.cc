@@ -78,11 +78,13 @@ void RunFeatureTask(OrientRun& run, ImageId id, TaskContext& context) {
 }  // namespace
 
 TaskId AddFeatureTask(const std::shared_ptr<OrientRun>& run, const Image& image, engine::Plan& plan) {
-  const TaskCost cost = FeatureTaskCost(*run, image);
+  TaskCost cost = FeatureTaskCost(*run, image);
+  if (run->store.Exists(run->keys.features[image.id.value])) cost.work = 0;
   return plan.Add({.name = "features " + image.name,
                    .stage = "features",
                    .needs = {},
                    .cost = cost,
+                   .units = {1e-6 * image.width_px * image.height_px, "Mpx"},
                    .memory_hint = MemoryHint(*run, cost.peak_bytes, "smaller images"),
                    .run = [run, id = image.id](TaskContext& context) { RunFeatureTask(*run, id, context); }});
 }

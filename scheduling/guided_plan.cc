@@ -219,6 +219,7 @@ TaskId AddSketchTask(const std::shared_ptr<OrientRun>& run, const Image& image, 
                    .stage = "sketches",
                    .needs = {run->feature_tasks[image.id.value]},
                    .cost = cost,
+                   .units = {1, "images"},
                    .memory_hint = MemoryHint(*run, cost.peak_bytes, "lower --max-features"),
                    .run = [run, id = image.id](TaskContext& context) { RunSketchTask(*run, id, context); }});
 }
@@ -234,6 +235,7 @@ TaskId AddVisibilityTask(const std::shared_ptr<OrientRun>& run, const std::share
        .stage = "visibility",
        .needs = std::move(needs),
        .cost = cost,
+       .units = {static_cast<double>(tile.pairs.size()), "pairs"},
        .memory_hint = MemoryHint(*run, cost.peak_bytes, "lower --guided-features"),
        .run = [run, state, t](TaskContext& context) {
          RunVisibilityTask(*run, state->map_tiles[t], state->sightings[t], context);
@@ -286,8 +288,12 @@ void AddGuidedTasks(const std::shared_ptr<OrientRun>& run, engine::Plan& plan,
             }});
 }
 
-void FindGuidedTiles(const Block& block, const OrientOptions& options, const engine::ArtifactStore& store,
-                     OrientKeys& keys) {
+namespace {
+
+/// Adds to `keys` the tiles that the results tell of; calls on_growth(key) for each round whose result there is.
+template <class OnGrowth>
+void WalkGuided(const Block& block, const OrientOptions& options, const engine::ArtifactStore& store, OrientKeys& keys,
+                OnGrowth&& on_growth) {
   const std::size_t images = block.images.size(), edge = TileEdge(images);
   const auto add = [&](const std::vector<ImagePair>& pairs) {
     AddTileKeys(TilePairs(pairs, edge), block, options, keys);
@@ -304,12 +310,34 @@ void FindGuidedTiles(const Block& block, const OrientOptions& options, const eng
   }
   if (!map_complete) return;
   add(BestPartners(all, images, kBestPartners));
-  while (const auto payload = store.Read(GrowthKey(keys.pairs, keys))) {
+  for (ArtifactKey key = GrowthKey(keys.pairs, keys);; key = GrowthKey(keys.pairs, keys)) {
+    const auto payload = store.Read(key);
+    if (!payload) return;
+    on_growth(key);
     const std::vector<ImagePair> grown = LoadPairs(*payload);
     keys.tiles_complete = grown.empty();
     if (grown.empty()) return;
     add(grown);
   }
+}
+
+}  // namespace
+
+void FindGuidedTiles(const Block& block, const OrientOptions& options, const engine::ArtifactStore& store,
+                     OrientKeys& keys) {
+  WalkGuided(block, options, store, keys, [](const ArtifactKey&) {});
+}
+
+std::vector<ArtifactKey> GuidedKeys(const Block& block, const OrientOptions& options,
+                                    const engine::ArtifactStore& store, const OrientKeys& keys) {
+  std::vector<ArtifactKey> found;
+  for (const auto& features : keys.features) found.push_back(SketchKey(options, features));
+  for (const PairTile& tile : VisibilityTiles(block.images.size())) found.push_back(VisibilityKey(tile, options, keys));
+  OrientKeys walked = keys;
+  walked.tiles.clear();
+  walked.pairs.clear();
+  WalkGuided(block, options, store, walked, [&](const ArtifactKey& key) { found.push_back(key); });
+  return found;
 }
 
 }  // namespace rilievo::scheduling

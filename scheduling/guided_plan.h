@@ -21,6 +21,11 @@ void AddGuidedTasks(const std::shared_ptr<OrientRun>& run, engine::Plan& plan,
 void FindGuidedTiles(const Block& block, const OrientOptions& options, const engine::ArtifactStore& store,
                      OrientKeys& keys);
 
+/// Everything else that a guided block has on disk: sketches, the visibility map, and the rounds of growth up to the
+/// first that is not there. `keys` holds the tiles that FindGuidedTiles found.
+std::vector<engine::ArtifactKey> GuidedKeys(const Block& block, const OrientOptions& options,
+                                            const engine::ArtifactStore& store, const OrientKeys& keys);
+
 /// Upper bounds of what one sketch task and one task of the map need.
 TaskCost SketchTaskCost(const OrientRun& run);
 TaskCost VisibilityTaskCost(const OrientRun& run, const PairTile& tile);

@@ -20,19 +20,6 @@ constexpr std::uint64_t kDiskReserveBytes = 16 * kMebibyte;
 
 std::uint64_t Cap(const OrientRun& run) { return static_cast<std::uint64_t>(run.options.features.max_features); }
 
-std::uint64_t UsualFeatures(const OrientRun& run, const Image& image) {
-  const double pixels = static_cast<double>(image.width_px) * image.height_px;
-  return std::min(Cap(run), static_cast<std::uint64_t>(pixels * kUsualFeaturesPerPixel)) * 2 / 3;
-}
-
-/// Seconds of a pair at the usual numbers of features: matching is quadratic in them.
-double UsualPairWork(const OrientRun& run, const ImagePair& pair) {
-  const std::uint64_t a = UsualFeatures(run, run.block.image(pair.first));
-  const std::uint64_t b = UsualFeatures(run, run.block.image(pair.second));
-  return matching::Estimate(a, b, run.options.matching).work +
-         verification::Estimate(std::min(a, b) / kUsualFeaturesPerMatch).work;
-}
-
 double UsualTileWork(const OrientRun& run, const PairTile& tile) {
   double work_s = 0;
   for (const ImagePair& pair : tile.pairs) work_s += UsualPairWork(run, pair);
@@ -127,17 +114,14 @@ class SummaryBuilder {
     }
     const std::uint64_t sketch = static_cast<std::uint64_t>(run_.options.pairs.guided_features) * kFeatureBytes;
     s_.disk_bytes += s_.images * sketch + 8 * s_.pairs_at_most;
-    const std::size_t usual = std::min(s_.pairs_at_most, kUsualPairsPerImage * s_.images);
+    const std::size_t usual = UsualPairs(run_);
     if (usual <= s_.pairs) return;
     pairs_s_ += static_cast<double>(usual - s_.pairs) * UsualPairWork(run_, {ImageId(0), ImageId(1)});
     s_.disk_bytes += (usual - s_.pairs) * 300;
   }
 
   void AddOrientation() {
-    const std::uint64_t overlapping =
-        std::min(s_.pairs_known ? s_.pairs : s_.pairs_at_most, kUsualPairsPerImage * s_.images);
-    const std::uint64_t inliers =
-        overlapping * features_ / std::max<std::uint64_t>(1, s_.images) / kUsualFeaturesPerMatch;
+    const std::uint64_t inliers = UsualInliers(run_, s_.pairs_known ? s_.pairs : s_.pairs_at_most, features_);
     if (s_.pair_tasks_done < s_.pair_tasks || !s_.pairs_known) s_.disk_bytes += inliers * sizeof(Match);
     const TaskCost cost = OrientationTaskCost(run_, features_, inliers);
     Consider(cost.peak_bytes, "orientation (estimated)", "lower --max-features");
@@ -154,6 +138,29 @@ class SummaryBuilder {
 };
 
 }  // namespace
+
+std::uint64_t UsualFeatures(const OrientRun& run, const Image& image) {
+  const double pixels = static_cast<double>(image.width_px) * image.height_px;
+  return std::min(Cap(run), static_cast<std::uint64_t>(pixels * kUsualFeaturesPerPixel)) * 2 / 3;
+}
+
+/// Seconds of a pair at the usual numbers of features: matching is quadratic in them.
+double UsualPairWork(const OrientRun& run, const ImagePair& pair) {
+  const std::uint64_t a = UsualFeatures(run, run.block.image(pair.first));
+  const std::uint64_t b = UsualFeatures(run, run.block.image(pair.second));
+  return matching::Estimate(a, b, run.options.matching).work +
+         verification::Estimate(std::min(a, b) / kUsualFeaturesPerMatch).work;
+}
+
+std::size_t UsualPairs(const OrientRun& run) {
+  const std::size_t images = run.block.images.size();
+  return std::min<std::size_t>(images * (images - std::min<std::size_t>(images, 1)) / 2, kUsualPairsPerImage * images);
+}
+
+std::uint64_t UsualInliers(const OrientRun& run, std::uint64_t pairs, std::uint64_t features) {
+  const std::uint64_t images = std::max<std::uint64_t>(1, run.block.images.size());
+  return std::min(pairs, kUsualPairsPerImage * images) * features / images / kUsualFeaturesPerMatch;
+}
 
 features::Tiling FeatureTiling(const OrientRun& run, const Image& image) {
   if (run.strip_width_px > 0) return {run.strip_width_px, 2};

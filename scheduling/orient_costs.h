@@ -25,6 +25,13 @@ TaskCost BlockTaskCost(const OrientRun& run, std::size_t images);
 /// From the numbers of features and of matches in verified pairs, all images together.
 TaskCost OrientationTaskCost(const OrientRun& run, std::uint64_t features, std::uint64_t inliers);
 
+/// What is usual, before it is known: features of an image; verified matches of so many pairs, when the images have so
+/// many features in all; the work of so many pairs beyond those that are known.
+std::uint64_t UsualFeatures(const OrientRun& run, const Image& image);
+std::uint64_t UsualInliers(const OrientRun& run, std::uint64_t pairs, std::uint64_t features);
+std::size_t UsualPairs(const OrientRun& run);  ///< of a guided block
+double UsualPairWork(const OrientRun& run, const ImagePair& pair);
+
 /// The --memory with which a task of this peak runs, as the hint of a refusal: "use --memory 3100MiB or more, or ...".
 std::string MemoryHint(const OrientRun& run, std::uint64_t peak_bytes, const std::string& otherwise);
 

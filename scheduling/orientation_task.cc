@@ -135,6 +135,7 @@ void AddOrientationTask(const std::shared_ptr<OrientRun>& run, TaskId gathered, 
             .stage = "orientation",
             .needs = {gathered},
             .cost = cost,
+            .units = {static_cast<double>(run->block.images.size()), "images"},
             .memory_hint = MemoryHint(*run, cost.peak_bytes, "lower --max-features"),
             .run = [run](TaskContext& context) { RunOrientationTask(*run, context); }});
 }

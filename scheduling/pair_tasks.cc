@@ -35,6 +35,9 @@ class PairContext : public RunContext {
     base_.ParallelFor(n, grain, fn);
   }
   void ReportProgress(double) override {}
+  void RunKernel(const KernelName& kernel, double multiply_adds, const std::function<void()>& body) override {
+    base_.RunKernel(kernel, multiply_adds, body);
+  }
 
  private:
   RunContext& base_;
@@ -190,6 +193,7 @@ TaskId AddBlockTask(const std::shared_ptr<OrientRun>& run, const std::vector<std
                    .needs = std::move(needs),
                    .cost = cost,
                    .retained_bytes = ResidentBlockBytes(*run, block->images.size()),
+                   .units = {static_cast<double>(block->images.size()), "images"},
                    .memory_hint = MemoryHint(*run, cost.peak_bytes, "lower --max-features"),
                    .run = [run, block, column](TaskContext& context) { RunBlockTask(*run, *block, column, context); }});
 }
@@ -200,11 +204,13 @@ TaskId AddPairTask(const std::shared_ptr<OrientRun>& run, const std::shared_ptr<
   std::vector<TaskId> needs;
   for (const ImageId id : tile->tile.images) needs.push_back(run->feature_tasks[id.value]);
   if (block_task) needs.push_back(*block_task);
-  const TaskCost cost = PairTaskCost(*run, tile->tile, block_task.has_value());
+  TaskCost cost = PairTaskCost(*run, tile->tile, block_task.has_value());
+  if (run->store.Exists(tile->key)) cost.work = 0;
   return plan.Add({.name = "pairs " + std::to_string(tile->number),
                    .stage = "pairs",
                    .needs = std::move(needs),
                    .cost = cost,
+                   .units = {static_cast<double>(tile->tile.pairs.size()), "pairs"},
                    .memory_hint = MemoryHint(*run, cost.peak_bytes, "lower --max-features"),
                    .run = [run, tile, block](TaskContext& context) {
                      RunPairTask(*run, *tile, *block, context);

@@ -13,6 +13,8 @@
 namespace rilievo::scheduling {
 
 inline constexpr int kWorkspaceVersion = 1;
+/// The trace of the last run that computed anything (docs/formats/trace.md).
+inline constexpr const char* kTraceName = "trace.json";
 
 /// What `run.json` holds (docs/formats/workspace.md): enough to find every artifact of the run again, without the
 /// images.

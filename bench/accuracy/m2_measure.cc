@@ -7,8 +7,8 @@
 #include "bench/accuracy/features_clock.h"
 #include "bench/accuracy/features_detectors.h"
 #include "bench/accuracy/m2_eval.h"
-#include "bench/accuracy/m2_peaks.h"
 #include "bench/accuracy/m2_peers.h"
+#include "engine/peak_loops.h"
 #include "stages/matching/matching.h"
 #include "stages/matching/sketch_matching.h"
 #include "stages/matching/two_nearest.h"
@@ -100,7 +100,7 @@ Json MeasureM2(std::size_t count, int repeats, const std::vector<std::string>& i
   Json result{{"count", count}, {"kernels", Json::object()}};
   for (const matching::Kernel& kernel : matching::AllKernels()) {
     if (!kernel.is_supported || kernel.sweep == nullptr) continue;
-    const PeakLoop& loop = kernel.name == "avx512" ? kPeakAvx512 : kPeakAvx2;
+    const engine::PeakLoop& loop = kernel.name == "avx512" ? engine::kPeakAvx512 : engine::kPeakAvx2;
     // In turns, and the peak over as long a time as ours: the clock of a core follows what it has done lately.
     const auto prepare = [&](const Descriptors& side) {
       return matching::Prepare(side, kernel, matching::SketchUse::kWherePossible);

@@ -148,7 +148,7 @@ TaskCost Estimate(std::size_t images, std::size_t points, std::size_t observatio
   const std::uint64_t gathered = 32 * observations + 40 * points + 400 * images;
   if (images <= kMostImagesDense) {
     cost.peak_bytes = (std::uint64_t{16} << 20) + gathered + SolveBundleBytes(images, points, observations);
-    cost.work = 2e-6 * static_cast<double>(observations) + 1e-6 * static_cast<double>(images * images);
+    cost.work = 6e-6 * static_cast<double>(observations) + 1e-6 * static_cast<double>(images * images);
     return cost;
   }
   // Measured with Ceres 2.1: 640 bytes an observation at 414,000 observations of 16,000 points; points of two rays

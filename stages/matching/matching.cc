@@ -24,10 +24,19 @@ const Kernel& ProcessKernel() {
   return kernel;
 }
 
+constexpr KernelName kM2Kernel{"m2", KernelName::Arithmetic::kBytes};
+/// Counted are the products of sketches: what is compared in full beside them adds to the time alone.
+constexpr KernelName kSketchKernel{"m2 by sketches", KernelName::Arithmetic::kBytes};
+constexpr double kBytesADescriptor = sizeof(Descriptor), kBytesASketch = sizeof(Sketch);
+
+double Comparisons(const Prepared& a, const Prepared& b) {
+  return static_cast<double>(a.descriptors.size()) * static_cast<double>(b.descriptors.size());
+}
+
 bool MaySweep(const Options& options) { return options.matcher == "auto" || options.matcher == "m2"; }
 
 /// Neighbours of a and, for a mutual check, of b.
-NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options& options, const RunContext& context) {
+NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options& options, RunContext& context) {
   switch (MatcherFor(a.descriptors.size(), b.descriptors.size(), options)) {
     case Matcher::kKdTree:
       return FindTwoNearestByTrees(a.descriptors, b.descriptors, static_cast<std::size_t>(options.kd_checks),
@@ -38,7 +47,16 @@ NeighborTable FindNeighbors(const Prepared& a, const Prepared& b, const Options&
     case Matcher::kM2:
       break;
   }
-  return FindTwoNearest(a, b, context);
+  NeighborTable table;
+  context.RunKernel(kM2Kernel, kBytesADescriptor * Comparisons(a, b), [&] { table = FindTwoNearest(a, b, context); });
+  return table;
+}
+
+/// Of two descriptors by m2. Costs alone depend on the kernel, never a choice that a result follows from.
+double SecondsPerComparison() {
+  const Kernel& kernel = ProcessKernel();
+  if (kernel.sweep == nullptr) return 1e-8;
+  return kernel.encoding == Encoding::kBytes ? 0.3e-9 : 1.3e-9;
 }
 
 /// The descriptors of a that pass, with `mutual` from both sides.
@@ -65,8 +83,6 @@ std::vector<Match> OneToOne(std::span<const PassingNeighbor> passing, std::size_
     if (claim[neighbor.second] == &neighbor) matches.push_back({neighbor.first, neighbor.second});
   return matches;
 }
-
-constexpr double kSecondsPerComparison = 1.5e-9;
 
 /// The features of one sign, in their order.
 struct Part {
@@ -140,7 +156,7 @@ TaskCost Estimate(std::size_t features_a, std::size_t features_b, const Options&
   const std::size_t packed_bytes = PreparedBytes(features_a, options) + PreparedBytes(features_b, options);
   std::size_t table_bytes =
       packed_bytes + std::max(TwoNearestBytes(features_a, features_b), MatchBySketchesBytes(features_a, features_b));
-  double work = kSecondsPerComparison * a * b;
+  double work = SecondsPerComparison() * a * b;
   switch (MatcherFor(features_a, features_b, options)) {
     case Matcher::kM2:
       break;
@@ -184,7 +200,8 @@ std::vector<Match> Run(const Prepared& prepared_a, const Prepared& prepared_b, c
   const RatioTest test{std::llround(options.ratio * 1e4)};
   std::vector<PassingNeighbor> passing;
   if (MatcherFor(a.size(), b.size(), options) == Matcher::kM2 && CanMatchBySketches(prepared_a, prepared_b))
-    passing = MatchBySketches(prepared_a, prepared_b, test, options.mutual, context);
+    context.RunKernel(kSketchKernel, kBytesASketch * Comparisons(prepared_a, prepared_b),
+                      [&] { passing = MatchBySketches(prepared_a, prepared_b, test, options.mutual, context); });
   else
     passing = Passing(FindNeighbors(prepared_a, prepared_b, options, context), test, options.mutual);
   return OneToOne(passing, b.size());

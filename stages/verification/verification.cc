@@ -284,7 +284,7 @@ std::span<const OptionDeclaration<Options>> OptionDeclarations() {
 
 TaskCost Estimate(std::size_t matches) {
   const auto n = static_cast<std::uint64_t>(matches);
-  return {(std::uint64_t{1} << 16) + 1024 * n, 0.01 + 2e-5 * static_cast<double>(n)};
+  return {(std::uint64_t{1} << 16) + 1024 * n, 0.005 + 8e-6 * static_cast<double>(n)};
 }
 
 TwoViewGeometry Run(const Input& input, const Options& options, RunContext& context) {

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "base/rng.h"
-#include "bench/accuracy/m2_peaks.h"
+#include "engine/peak_loops.h"
 #include "stages/matching/two_nearest.h"
 
 namespace rilievo::matching {
@@ -42,7 +42,7 @@ void TwoNearest(benchmark::State& state, const Kernel& kernel) {
   SetRate(state, 128.0 * static_cast<double>(a.size() * b.size()));
 }
 
-void Peak(benchmark::State& state, const bench::PeakLoop& loop) {
+void Peak(benchmark::State& state, const engine::PeakLoop& loop) {
   for (auto _ : state) loop.run();
   SetRate(state, loop.products);
 }
@@ -58,9 +58,9 @@ const bool kRegistered = [] {
         ->Args({40960, 8192})
         ->Unit(benchmark::kMillisecond);
     if (name == "avx2")
-      benchmark::RegisterBenchmark("peak/avx2", Peak, bench::kPeakAvx2)->Unit(benchmark::kMillisecond);
+      benchmark::RegisterBenchmark("peak/avx2", Peak, engine::kPeakAvx2)->Unit(benchmark::kMillisecond);
     if (name == "avx512")
-      benchmark::RegisterBenchmark("peak/avx512", Peak, bench::kPeakAvx512)->Unit(benchmark::kMillisecond);
+      benchmark::RegisterBenchmark("peak/avx512", Peak, engine::kPeakAvx512)->Unit(benchmark::kMillisecond);
   }
   return true;
 }();
