@@ -21,7 +21,7 @@ def shares(trace, wall_s, threads=2):
     stages = {}
     for event in events:
         stages[event["cat"]] = stages.get(event["cat"], 0) + event["dur"] / 1e6
-    before = sum(event["dur"] / 1e6 for event in events if event["cat"] != "orientation")
+    before = sum(event["dur"] / 1e6 for event in events if event["cat"] != "orientation" and event["ts"] / 1e6 < bundle)
     return threads * (bundle - first) - before, wall_s - (last - first), stages
 
 
@@ -30,7 +30,7 @@ def busy_percent(trace, threads=2):
     events = spans(trace)
     first = min(event["ts"] for event in events) / 1e6
     bundle = min(event["ts"] / 1e6 for event in events if event["cat"] == "orientation")
-    before = sum(event["dur"] / 1e6 for event in events if event["cat"] != "orientation")
+    before = sum(event["dur"] / 1e6 for event in events if event["cat"] != "orientation" and event["ts"] / 1e6 < bundle)
     return 100 * before / (threads * (bundle - first))
 
 

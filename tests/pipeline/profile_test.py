@@ -28,7 +28,11 @@ class Profile(ProgramTest):
         # Bytes written are those of the artifacts, less their headers of 40 bytes.
         for name in ("features", "pairs", "orientation"):
             files = list((self.workspace / "artifacts" / name).rglob("*.art"))
-            self.assertEqual(stages[name]["written_bytes"], sum(f.stat().st_size - 40 for f in files), name)
+            on_disk = sum(f.stat().st_size - 40 for f in files)
+            if name == "orientation":  # checkpoints of mapping are gone by now
+                self.assertGreaterEqual(stages[name]["written_bytes"], on_disk)
+            else:
+                self.assertEqual(stages[name]["written_bytes"], on_disk, name)
             self.assertGreater(stages[name]["cpu_s"], 0)
             self.assertLessEqual(stages[name]["cpu_s"], 1.1 * stages[name]["worker_s"] + 0.05)
             self.assertGreater(stages[name]["resident_peak_bytes"], 1 << 20)
