@@ -128,7 +128,7 @@ def scaling(bench):
 # ---- beside COLMAP ------------------------------------------------------------------------------------------------------
 
 FEATURES = "11000"
-COLMAP_KEYPOINTS = "8200"  # its cap counts keypoints before further orientations: this many give some 11,000 features
+COLMAP_KEYPOINTS = "7700"  # its cap counts keypoints before further orientations: this many give some 11,000 features
 COLMAP_ENV = dict(os.environ, QT_QPA_PLATFORM="offscreen")
 
 

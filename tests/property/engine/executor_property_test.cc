@@ -242,7 +242,7 @@ TEST(ExecutorProperty, SmallTasksThatDelayNobodyPassALargeOne) {
 thread_local int bodies_on_this_thread = 0;
 
 TEST(ExecutorProperty, AWaitingThreadNeverStartsAnotherTask) {
-  std::atomic<int> nested{0}, loop_threads{0};
+  std::atomic<int> nested{0};
   const auto body = [&](auto&& work) {
     return [&, work](TaskContext& context) {
       nested += bodies_on_this_thread++ > 0;
@@ -253,9 +253,7 @@ TEST(ExecutorProperty, AWaitingThreadNeverStartsAnotherTask) {
   Plan plan;
   for (int i = 0; i < 60; ++i) {
     plan.Add(MakeTask("loop " + std::to_string(i), {}, 0, body([&](TaskContext& context) {
-                        const auto owner = std::this_thread::get_id();
                         context.ParallelFor(64, 2, [&](std::size_t begin, std::size_t) {
-                          if (std::this_thread::get_id() != owner) ++loop_threads;
                           context.ReportProgress(static_cast<double>(begin) / 64);
                           const auto until =
                               std::chrono::steady_clock::now() + std::chrono::microseconds(begin % 8 == 0 ? 100 : 5);
@@ -270,7 +268,21 @@ TEST(ExecutorProperty, AWaitingThreadNeverStartsAnotherTask) {
   EXPECT_EQ(MakeFlowExecutor()->Run(plan, {.threads = 4, .observers = {&observer}}).done, 360u);
   EXPECT_EQ(nested, 0);
   EXPECT_EQ(observer.wrong(), 0);
-  EXPECT_GT(loop_threads, 0);  // loops are shared between threads at all
+}
+
+TEST(ExecutorProperty, LoopsAreSharedBetweenThreads) {
+  std::atomic<bool> shared{false};
+  Plan plan;
+  plan.Add(MakeTask("loop", {}, 0, [&](TaskContext& context) {
+    const auto owner = std::this_thread::get_id();
+    const auto give_up = std::chrono::steady_clock::now() + std::chrono::seconds(30);
+    context.ParallelFor(64, 1, [&](std::size_t, std::size_t) {
+      if (std::this_thread::get_id() != owner) shared = true;
+      while (!shared && std::chrono::steady_clock::now() < give_up) std::this_thread::yield();
+    });
+  }));
+  EXPECT_EQ(MakeFlowExecutor()->Run(plan, {.threads = 4}).done, 1u);
+  EXPECT_TRUE(shared);
 }
 
 TEST(ExecutorProperty, StoppedAnywhereWhatIsDoneIsRight) {
